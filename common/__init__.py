@@ -1,0 +1,1 @@
+"""What the processes share: bus, topics, messages, geometry, pose graph and configuration."""

@@ -1,0 +1,12 @@
+"""The bus: one Zenoh session a process, on which the topics of ``common/topics.py`` travel.
+
+* :class:`Bus` publishes, subscribes, serves and asks.
+* :class:`Subscription` is the newest (or every) valid sample of a topic, with its age.
+* :class:`Presence` is who is there.
+"""
+
+from common.bus.presence import Presence
+from common.bus.session import Bus, Publisher
+from common.bus.subscription import Received, Subscription
+
+__all__ = ["Bus", "Presence", "Publisher", "Received", "Subscription"]

@@ -1,0 +1,245 @@
+"""One Zenoh session: publish, subscribe, serve, ask, be present."""
+
+from __future__ import annotations
+
+import json
+import queue
+import sys
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Generic, Literal, Self, TypeVar, cast
+
+import structlog
+import zenoh
+from zenoh import ext
+
+from common import wire
+from common.bus.envelope import Envelope, Source
+from common.bus.presence import Presence
+from common.bus.statistics import Statistics
+from common.bus.subscription import Subscription
+from common.errors import BusError, MalformedMessage, NoAnswer, Refused, RetraverseError
+from common.messages import Message, now_ns
+from common.topics import Delivery, Priority, Topic
+
+M = TypeVar("M", bound=Message)
+
+log = structlog.get_logger()
+
+_PRIORITIES = {
+    Priority.REAL_TIME: zenoh.Priority.REAL_TIME,
+    Priority.HIGH: zenoh.Priority.INTERACTIVE_HIGH,
+    Priority.DATA: zenoh.Priority.DATA,
+    Priority.BACKGROUND: zenoh.Priority.BACKGROUND,
+}
+
+_SWITCH_INTERVAL_S = 0.0005
+"""A busy Python thread would hold Zenoh's callbacks back by 5-10 ms at the interpreter's default."""
+
+_REQUESTS_WAITING = 256
+
+
+def session_config(mode: str, endpoint: str, *, shared_memory: bool) -> zenoh.Config:
+    """Zenoh's configuration of a robot's process: a client of the robot's router, or that router itself."""
+    config = zenoh.Config()
+    ends = {"router": ([], [endpoint]), "client": ([endpoint], [])}
+    connect, listen = ends[mode]
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "connect/endpoints": connect,
+        "listen/endpoints": listen,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": shared_memory,
+        "timestamping/enabled": True,
+        "transport/link/tx/lease": 1000,
+    }
+    if mode == "client":
+        settings["connect/timeout_ms"] = -1
+        settings["connect/exit_on_failure"] = False
+        settings["connect/retry"] = {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+class Publisher(Generic[M]):
+    """The sending end of a topic."""
+
+    def __init__(self, bus: Bus, topic: Topic, key: str) -> None:
+        options: dict[str, Any] = {
+            "priority": _PRIORITIES[topic.priority],
+            "congestion_control": zenoh.CongestionControl.BLOCK if topic.blocking else zenoh.CongestionControl.DROP,
+            "express": topic.priority is not Priority.BACKGROUND,
+        }
+        self._bus = bus
+        self._key = key
+        self._sequence = 0
+        self._lock = threading.Lock()
+        self._publisher: zenoh.Publisher | ext.AdvancedPublisher
+        if topic.delivery is Delivery.STATE:
+            self._publisher = ext.declare_advanced_publisher(
+                bus.session, key, cache=ext.CacheConfig(max_samples=1), publisher_detection=True, **options
+            )
+        else:
+            self._publisher = bus.session.declare_publisher(key, **options)
+
+    def put(self, message: M) -> None:
+        """Sends a message; its ``stamp``, where it has one, becomes the sample's."""
+        payload = wire.encode(message)
+        stamp = getattr(message, "stamp", None) or now_ns()
+        with self._lock:
+            self._sequence += 1
+            envelope = Envelope.seal(payload, self._bus.source, self._sequence, stamp)
+            self._publisher.put(payload, attachment=envelope.pack())
+        self._bus.statistics.sent(self._key)
+
+
+class Bus:
+    """A process's connection to its robot's router.
+
+    Used as a context manager: a session that stays open keeps its process from ending.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        process: str,
+        endpoint: str,
+        *,
+        shared_memory: bool = True,
+        mode: Literal["client", "router"] = "client",
+    ) -> None:
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
+        self.robot = robot
+        self.source = Source.of(robot, process)
+        self.statistics = Statistics()
+        self._declared: list[Any] = []
+        self._queues: list[queue.SimpleQueue[zenoh.Query | None]] = []
+        try:
+            self.session = zenoh.open(session_config(mode, endpoint, shared_memory=shared_memory))
+        except zenoh.ZError as error:
+            raise BusError(f"cannot open {endpoint} as a {mode}: is its port in use, or its form wrong? ({error})") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the session; what is declared on it goes with it."""
+        for waiting in self._queues:
+            waiting.put(None)
+        self.session.close()
+
+    def connected(self) -> bool:
+        """Whether the session has a link to the router now."""
+        return bool(self.session.info.routers_zid())
+
+    def present(self) -> None:
+        """Shows this process to all others until the session ends."""
+        key = f"vtr/{self.robot}/alive/{self.source.process}"
+        self._declared.append(self.session.liveliness().declare_token(key))
+
+    def presence(self, wake: threading.Event | None = None) -> Presence:
+        """Who else is there, from now on."""
+        presence = Presence(wake)
+        key = f"vtr/{self.robot}/alive/*"
+        self._declared.append(
+            self.session.liveliness().declare_subscriber(key, presence.hand_over, history=True)
+        )
+        return presence
+
+    def publisher(self, topic: Topic, name: str = "") -> Publisher[Any]:
+        """The sending end of a topic, for one sensor or service where its key asks for a name."""
+        return Publisher(self, topic, topic.at(self.robot, name))
+
+    def subscribe(self, topic: Topic, name: str = "*", *, wake: threading.Event | None = None) -> Subscription[Any]:
+        """The receiving end of a topic; ``wake`` is set at each arrival, so that a loop can wait for several topics."""
+        subscription = Subscription(topic, topic.message, self.robot, self.statistics, wake)
+        key = topic.at(self.robot, name)
+        if topic.delivery is Delivery.STATE:
+            self._declared.append(
+                ext.declare_advanced_subscriber(
+                    self.session,
+                    key,
+                    subscription.hand_over,
+                    history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                )
+            )
+        else:
+            self._declared.append(self.session.declare_subscriber(key, subscription.hand_over))
+        return subscription
+
+    def serve(self, topic: Topic, handler: Callable[[Any], Message]) -> None:
+        """Answers a topic's queries, one at a time in a thread of its own.
+
+        A :class:`RetraverseError` of the handler becomes the asker's refusal; any other error is logged, and refused
+        without its details.
+        """
+        waiting: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._queues.append(waiting)
+
+        def hand_over(query: zenoh.Query) -> None:
+            if waiting.qsize() < _REQUESTS_WAITING:
+                waiting.put(query)
+
+        def answer() -> None:
+            while (query := waiting.get()) is not None:
+                self._answer(topic, query, handler)
+                del query  # its end tells the asker that no more answers come
+
+        threading.Thread(target=answer, name=f"serve {topic.key}", daemon=True).start()
+        key = topic.at(self.robot)
+        self._declared.append(self.session.declare_queryable(key, hand_over, complete=True))
+
+    def ask(self, topic: Topic, question: Message, timeout: float = 2.0) -> Any:  # noqa: ANN401, the topic's answer
+        """The answer to a question.
+
+        Raises:
+            Refused: the answerer's own sentence.
+            NoAnswer: nobody answered within ``timeout`` seconds.
+        """
+        payload = wire.encode(question)
+        envelope = Envelope.seal(payload, self.source, 0, now_ns())
+        replies = self.session.get(
+            topic.at(self.robot),
+            payload=payload,
+            attachment=envelope.pack(),
+            timeout=timeout,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=_PRIORITIES[topic.priority],
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                return wire.decode(cast("type[Message]", topic.answer), reply.ok.payload.to_bytes())
+            if reply.err is not None:
+                text = reply.err.payload.to_bytes().decode(errors="replace")
+                if text != "Timeout":
+                    raise Refused(text)
+        raise NoAnswer(f"nobody answers '{topic.key}' on robot '{self.robot}': is {topic.owners[0]} running? See vtr ps.")
+
+    def _answer(self, topic: Topic, query: zenoh.Query, handler: Callable[[Any], Message]) -> None:
+        key = topic.at(self.robot)
+        try:
+            payload = b"" if query.payload is None else query.payload.to_bytes()
+            attachment = None if query.attachment is None else query.attachment.to_bytes()
+            source = Envelope.open(attachment, payload).source
+            if source.robot != self.robot:
+                raise MalformedMessage(f"the question is for robot '{source.robot}'")
+            reply = wire.encode(handler(wire.decode(topic.message, payload)))
+        except MalformedMessage as error:
+            self.statistics.dropped(key, str(error))
+            query.reply_err(str(error))
+        except RetraverseError as error:
+            query.reply_err(str(error))
+        except Exception:
+            log.exception("a question could not be answered", key=key)
+            query.reply_err(f"{self.source.process} could not answer '{topic.key}'; its log says why")
+        else:
+            query.reply(key, reply)
+            self.statistics.sent(key)

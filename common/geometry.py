@@ -1,0 +1,207 @@
+"""SE(3) as 4x4 arrays, and transforms that carry a covariance.
+
+Conventions (Barfoot, *State Estimation for Robotics*, 2nd ed., chapter 8):
+
+* ``T_a_b`` takes coordinates in frame b to coordinates in frame a.
+* A twist is ``xi = [rho, phi]``: translation first, then rotation, each in radians or metres.
+* A perturbation is on the left: ``T = exp(xi) @ T_mean``; a covariance is that of ``xi``.
+
+Every function takes stacked input: a leading shape ``(...)`` is carried through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE = 1e-4
+"""Below this angle (rad) the series of the coefficients beats their closed forms in double precision."""
+
+
+def skew(v: ArrayLike) -> Array:
+    """Matrices ``v^`` of shape (..., 3, 3) with ``v^ u = v x u``, for vectors of shape (..., 3)."""
+    v = np.asarray(v, dtype=np.float64)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
+    """``sin(a)/a``, ``(1 - cos(a))/a^2`` and ``(a - sin(a))/a^3``, stable near zero."""
+    small = angle < _SMALL_ANGLE
+    a = np.where(small, 1.0, angle)
+    a2 = angle * angle
+    first = np.where(small, 1.0 - a2 / 6.0, np.sin(a) / a)
+    # 2 sin^2(a/2) instead of 1 - cos(a): the difference loses half of the digits at small angles.
+    second = np.where(small, 0.5 - a2 / 24.0, 2.0 * np.sin(a / 2.0) ** 2 / (a * a))
+    third = np.where(small, 1.0 / 6.0 - a2 / 120.0, (a - np.sin(a)) / (a * a * a))
+    return first, second, third
+
+
+def so3_exp(phi: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Barfoot 8.7, Rodrigues)."""
+    phi = np.asarray(phi, dtype=np.float64)
+    a, b, _ = _coefficients(np.linalg.norm(phi, axis=-1))
+    s = skew(phi)
+    return np.asarray(np.eye(3) + a[..., None, None] * s + b[..., None, None] * (s @ s))
+
+
+def so3_log(rotation: ArrayLike) -> Array:
+    """Rotation vectors (..., 3), of angle at most pi, of rotation matrices (..., 3, 3).
+
+    Goes through the quaternion of Shepperd's method, which is stable at every angle, pi included.
+    """
+    r = np.asarray(rotation, dtype=np.float64)
+    diagonal = np.einsum("...ii->...i", r)
+    trace = diagonal.sum(-1)
+    # Row k holds 4 * q_k * (w, x, y, z); the row of the largest q_k is divided by its own length.
+    rows = np.empty((*trace.shape, 4, 4))
+    rows[..., 0, 0] = 1.0 + trace
+    for i in range(3):
+        rows[..., i + 1, i + 1] = 1.0 + 2.0 * diagonal[..., i] - trace
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        difference, total = r[..., k, j] - r[..., j, k], r[..., j, i] + r[..., i, j]
+        rows[..., 0, i + 1] = rows[..., i + 1, 0] = difference
+        rows[..., i + 1, j + 1] = rows[..., j + 1, i + 1] = total
+    best = np.argmax(np.einsum("...ii->...i", rows), axis=-1)
+    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1)
+    angle = 2.0 * np.arctan2(sine, q[..., 0])
+    tiny = sine < 1e-12
+    scale = np.where(tiny, 2.0, angle / np.where(tiny, 1.0, sine))
+    return np.asarray(scale[..., None] * q[..., 1:])
+
+
+def _left_jacobian(phi: Array) -> Array:
+    """Left Jacobian of SO(3), (..., 3, 3) (Barfoot 8.34)."""
+    _, b, c = _coefficients(np.linalg.norm(phi, axis=-1))
+    s = skew(phi)
+    return np.asarray(np.eye(3) + b[..., None, None] * s + c[..., None, None] * (s @ s))
+
+
+def transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """Transforms (..., 4, 4) of rotation matrices (..., 3, 3) and translations (..., 3)."""
+    rotation, translation = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+    out = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
+    out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = rotation, translation, 1.0
+    return out
+
+
+def exp(xi: ArrayLike) -> Array:
+    """Transforms (..., 4, 4) of twists (..., 6) (Barfoot 8.33)."""
+    xi = np.asarray(xi, dtype=np.float64)
+    rho, phi = xi[..., :3], xi[..., 3:]
+    return transform(so3_exp(phi), np.einsum("...ij,...j->...i", _left_jacobian(phi), rho))
+
+
+def log(T: ArrayLike) -> Array:
+    """Twists (..., 6) of transforms (..., 4, 4), inverse of :func:`exp` for angles below pi."""
+    T = np.asarray(T, dtype=np.float64)
+    phi = so3_log(T[..., :3, :3])
+    rho = np.linalg.solve(_left_jacobian(phi), T[..., :3, 3:])[..., 0]
+    return np.concatenate([rho, phi], axis=-1)
+
+
+def inverse(T: ArrayLike) -> Array:
+    """``T_b_a`` of ``T_a_b``, shapes (..., 4, 4), without a general matrix inversion."""
+    T = np.asarray(T, dtype=np.float64)
+    rotation = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(rotation, -np.einsum("...ij,...j->...i", rotation, T[..., :3, 3]))
+
+
+def adjoint(T: ArrayLike) -> Array:
+    """Adjoints (..., 6, 6): ``exp(Ad(T) xi) = T exp(xi) T^-1`` (Barfoot 8.44)."""
+    T = np.asarray(T, dtype=np.float64)
+    out = np.zeros((*T.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = T[..., :3, :3]
+    out[..., :3, 3:] = skew(T[..., :3, 3]) @ T[..., :3, :3]
+    return out
+
+
+def apply(T: ArrayLike, points: ArrayLike) -> Array:
+    """Points (..., N, 3) of frame b in frame a, by ``T_a_b`` (..., 4, 4)."""
+    T = np.asarray(T, dtype=np.float64)
+    return np.asarray(points) @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+
+
+def normalize(T: ArrayLike) -> Array:
+    """The transform nearest to ``T`` (..., 4, 4) whose rotation is a proper rotation (by SVD)."""
+    T = np.asarray(T, dtype=np.float64)
+    u, _, vt = np.linalg.svd(T[..., :3, :3])
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    return transform(u @ vt, T[..., :3, 3])
+
+
+def is_transform(T: ArrayLike, tolerance: float = 1e-6) -> bool:
+    """Whether every matrix of ``T`` (..., 4, 4) is a finite rigid transform within ``tolerance``."""
+    T = np.asarray(T, dtype=np.float64)
+    if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
+        return False
+    rotation = T[..., :3, :3]
+    orthogonal = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0) <= tolerance
+    proper = (np.linalg.det(rotation) > 0.0).all()
+    last_row = np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) <= tolerance
+    return bool(orthogonal and proper and last_row)
+
+
+def from_xy_yaw(x: float, y: float, yaw: float) -> Array:
+    """The transform (4, 4) of a pose in the plane: metres, metres, radians about z."""
+    return transform(so3_exp([0.0, 0.0, yaw]), [x, y, 0.0])
+
+
+def yaw_of(T: ArrayLike) -> Array:
+    """Heading about z, radians, shape (...), of transforms (..., 4, 4)."""
+    T = np.asarray(T, dtype=np.float64)
+    return np.asarray(np.arctan2(T[..., 1, 0], T[..., 0, 0]))
+
+
+def rotation_angle(T: ArrayLike) -> Array:
+    """Angle of the rotation, radians in [0, pi], shape (...), of transforms (..., 4, 4)."""
+    return np.asarray(np.linalg.norm(so3_log(np.asarray(T)[..., :3, :3]), axis=-1))
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """A transform ``T_a_b`` (4, 4) with the covariance (6, 6) of its left perturbation, in frame a.
+
+    ``a @ b`` composes to first order, the two taken as independent (Barfoot and Furgale,
+    *Associating uncertainty with three-dimensional poses*, eq. 36 without its fourth-order terms).
+    """
+
+    T: Array
+    covariance: Array
+
+    @classmethod
+    def identity(cls) -> Self:
+        """The identity, known exactly."""
+        return cls(np.eye(4), np.zeros((6, 6)))
+
+    @classmethod
+    def exactly(cls, T: ArrayLike) -> Self:
+        """``T`` with no uncertainty."""
+        return cls(np.array(T, dtype=np.float64), np.zeros((6, 6)))
+
+    def inverse(self) -> Uncertain:
+        """``T_b_a`` with its covariance, in frame b."""
+        T = inverse(self.T)
+        Ad = adjoint(T)
+        return Uncertain(T, Ad @ self.covariance @ Ad.T)
+
+    def __matmul__(self, other: Uncertain) -> Uncertain:
+        """``T_a_c`` of ``T_a_b @ T_b_c``."""
+        Ad = adjoint(self.T)
+        return Uncertain(self.T @ other.T, self.covariance + Ad @ other.covariance @ Ad.T)
+
+    def mahalanobis2(self, other: Uncertain) -> float:
+        """Squared Mahalanobis distance, 6 degrees of freedom, of two independent estimates of one transform."""
+        error = log(self.T @ inverse(other.T))
+        return float(error @ np.linalg.solve(self.covariance + other.covariance, error))

@@ -1,0 +1,46 @@
+"""Names that are unique across a fleet without asking anybody."""
+
+from __future__ import annotations
+
+import re
+import secrets
+from datetime import UTC, datetime
+from typing import NamedTuple, Self
+
+NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,62}$"
+"""Robots, environments, sensors and places: safe in a key expression, a file name and an object key."""
+
+MAP_ID_PATTERN = r"^\d{8}T\d{12}-[a-z0-9][a-z0-9_-]{0,62}-[0-9a-f]{6}$"
+
+_VERTEX = re.compile(r"^(?P<map>.+):(?P<index>\d{1,9})$")
+
+
+def new_map_id(robot: str, stamp_ns: int) -> str:
+    """A map id that sorts by time and names its robot: ``20261122T204500123456-r1-9f3c1a``.
+
+    The random part keeps two maps apart when the robot's clock has been set back.
+    """
+    time = datetime.fromtimestamp(stamp_ns // 1000 / 1e6, tz=UTC)
+    return f"{time:%Y%m%dT%H%M%S%f}-{robot}-{secrets.token_hex(3)}"
+
+
+class VertexId(NamedTuple):
+    """A vertex: the map (experience) that it belongs to and its index there, in driving order."""
+
+    map_id: str
+    index: int
+
+    def __str__(self) -> str:
+        return f"{self.map_id}:{self.index}"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The id written as ``map:index``.
+
+        Raises:
+            ValueError: the text is not of that form.
+        """
+        match = _VERTEX.match(text)
+        if match is None:
+            raise ValueError(f"'{text}' is not a vertex: write it as map:index")
+        return cls(match["map"], int(match["index"]))

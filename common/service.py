@@ -1,0 +1,173 @@
+"""The life of a service: start, presence, health, clean stop.
+
+A service's ``__main__.py`` is one line, ``run("tracker", main)``, and its ``main(service)`` subscribes and loops until
+``service.stop`` is set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+import threading
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Literal
+
+import numpy as np
+import psutil
+import structlog
+
+from common import config, logs, topics
+from common.bus import Bus
+from common.errors import RetraverseError
+from common.messages import Health, Percentiles, now_ns
+
+_HEALTH_PERIOD_S = 1.0
+_STOP_DEADLINE_S = 1.8
+_CLOCK_JUMP_S = 0.5
+_SAMPLES_KEPT = 1000
+
+log = structlog.get_logger()
+
+
+class Service:
+    """A running process: its configuration, its bus, and the event that ends it."""
+
+    def __init__(self, name: str, configuration: config.RobotConfig, bus: Bus) -> None:
+        self.name = name
+        self.config = configuration
+        self.bus = bus
+        self.stop = threading.Event()
+        self.failed = False
+        self._durations: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_SAMPLES_KEPT))
+        self._counts: dict[str, int] = defaultdict(int)
+        self._process = psutil.Process()
+        self._started = now_ns()
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Times a stage of the work for the health report."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.record(name, time.perf_counter() - start)
+
+    def record(self, name: str, seconds: float) -> None:
+        """Adds a duration to a stage of the health report."""
+        self._durations[name].append(seconds)
+        self._counts[name] += 1
+
+    def thread(self, target: Callable[[], None], name: str) -> threading.Thread:
+        """Starts a thread whose uncaught error ends the process, so that the supervisor starts it anew."""
+
+        def guarded() -> None:
+            try:
+                target()
+            except Exception:
+                log.exception("a thread failed", thread=name)
+                self.failed = True
+                self.stop.set()
+
+        thread = threading.Thread(target=guarded, name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def report_health(self) -> None:
+        """Publishes the health of this process once a second until it stops; a jump of the clock is logged here."""
+        publisher = self.bus.publisher(topics.HEALTH, self.name)
+        self._process.cpu_percent()
+        offset = time.time() - time.monotonic()
+        while not self.stop.wait(_HEALTH_PERIOD_S):
+            publisher.put(self._health())
+            jumped = time.time() - time.monotonic() - offset
+            if abs(jumped) > _CLOCK_JUMP_S:
+                log.warning("the clock jumped; no decision depends on it", seconds=round(jumped, 3))
+                offset += jumped
+
+    def _health(self) -> Health:
+        rates, dropped = self.bus.statistics.collect()
+        stages = {}
+        for name, durations in list(self._durations.items()):
+            p50, p99 = np.percentile(np.array(durations) * 1e3, [50, 99])
+            stages[name] = Percentiles(count=self._counts[name], p50=round(p50, 3), p99=round(p99, 3))
+        return Health(
+            stamp=now_ns(),
+            process=self.name,
+            pid=os.getpid(),
+            started=self._started,
+            cpu=self._process.cpu_percent() / 100.0,
+            memory_mb=self._process.memory_info().rss / 1e6,
+            rates=rates,
+            dropped=dropped,
+            stages=stages,
+        )
+
+
+def run(name: str, main: Callable[[Service], None], mode: Literal["client", "router"] = "client") -> None:
+    """Runs a service until SIGTERM or SIGINT, and ends the process with a status that says how it went."""
+    parser = argparse.ArgumentParser(prog=f"python -m services.{name}")
+    parser.add_argument("--config", type=Path, default=os.environ.get("VTR_CONFIG"), help="the robot's TOML file")
+    path: Path | None = parser.parse_args().config
+    if path is None:
+        parser.error("name the robot's configuration with --config, or in VTR_CONFIG")
+    _die_with_parent()
+    try:
+        configuration = config.load(Path(path))
+        logs.configure(configuration.robot.name, name, configuration.robot.log_level, json=configuration.robot.log_json)
+        sys.exit(_live(name, configuration, main, mode))
+    except RetraverseError as error:
+        sys.exit(f"{name}: {error}")
+
+
+def _live(
+    name: str, configuration: config.RobotConfig, main: Callable[[Service], None], mode: Literal["client", "router"]
+) -> int:
+    robot, table = configuration.robot.name, configuration.bus
+    with Bus(robot, name, table.endpoint, shared_memory=table.shared_memory, mode=mode) as bus:
+        service = Service(name, configuration, bus)
+        _stop_on_signals(service)
+        bus.present()
+        service.thread(service.report_health, "health")
+        log.info("started", pid=os.getpid())
+        try:
+            main(service)
+        except RetraverseError as error:
+            log.error("stopped", reason=str(error))  # noqa: TRY400, the sentence is meant for a person
+            service.failed = True
+        except Exception:
+            log.exception("failed")
+            service.failed = True
+        service.stop.set()
+        log.info("ended")
+    return 1 if service.failed else 0
+
+
+def _stop_on_signals(service: Service) -> None:
+    """Lets SIGTERM and SIGINT end the service, and ends it by force when its main loop does not return in time."""
+
+    def force() -> None:
+        service.stop.wait()
+        time.sleep(_STOP_DEADLINE_S)
+        log.error("did not stop in time")
+        os._exit(70)
+
+    def handle(_signal: int, _frame: FrameType | None) -> None:
+        service.stop.set()
+
+    signal.signal(signal.SIGTERM, handle)
+    signal.signal(signal.SIGINT, handle)
+    threading.Thread(target=force, name="deadline", daemon=True).start()
+
+
+def _die_with_parent() -> None:
+    """Asks Linux to send SIGTERM when the supervisor is killed, so that no robot process is left without one."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG

@@ -1,0 +1,113 @@
+"""Every topic: its key, message, owner, expected rate, maximum age, priority, congestion control, and what a late joiner gets.
+
+"Alive", "at its rate" and "fresh" follow from this table, and so do the page of messages in the docs and the columns of ``vtr ps``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from common import messages as m
+
+SCHEMA = 1
+"""Version of the messages: a receiver drops samples of another one."""
+
+
+class Delivery(Enum):
+    """How samples reach a subscriber.
+
+    FRAME: only the newest counts; a late joiner waits for the next. STATE: in order, and a late joiner gets the
+    last one at once. QUERY: a question with an answer.
+    """
+
+    FRAME = "frame"
+    STATE = "state"
+    QUERY = "query"
+
+
+class Priority(Enum):
+    """Zenoh's priorities that are used, most urgent first."""
+
+    REAL_TIME = "real time"
+    HIGH = "high"
+    DATA = "data"
+    BACKGROUND = "background"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row of the table.
+
+    Attributes:
+        key: key expression below ``vtr/<robot>/``; ``{name}`` stands for a sensor's or a service's name.
+        message: its payload, or the question of a query.
+        owners: processes that may publish it, or that answer the query; anybody else's samples are dropped.
+        delivery: see :class:`Delivery`.
+        answer: the answer of a query.
+        rate_hz: expected rate, 0 where it comes only on events.
+        max_age_s: older than this since its arrival, it is stale.
+        priority: see :class:`Priority`.
+        blocking: whether a publisher waits for room rather than drop, as states must.
+    """
+
+    key: str
+    message: type[m.Message]
+    owners: tuple[str, ...]
+    delivery: Delivery
+    answer: type[m.Message] | None = None
+    rate_hz: float = 0.0
+    max_age_s: float = float("inf")
+    priority: Priority = Priority.DATA
+    blocking: bool = False
+
+    def at(self, robot: str, name: str = "") -> str:
+        """The whole key of this topic on a robot, for one sensor or service where the key asks for a name."""
+        return f"vtr/{robot}/{self.key.format(name=name)}"
+
+
+_FRAME, _STATE, _QUERY = Delivery.FRAME, Delivery.STATE, Delivery.QUERY
+
+STEREO = Topic("sensor/stereo/{name}", m.StereoFrame, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
+WHEEL_ODOMETRY = Topic("sensor/odometry", m.WheelOdometry, ("sensors", "player"), _FRAME, rate_hz=50, max_age_s=0.2)
+JOYSTICK = Topic("sensor/joystick", m.Joystick, ("sensors", "console", "operator"), _FRAME, rate_hz=20, max_age_s=0.3)
+
+ODOMETRY = Topic("odometry", m.Odometry, ("estimator",), _FRAME, rate_hz=10, max_age_s=0.5, priority=Priority.HIGH)
+LOCALIZATION = Topic(
+    "localization", m.Localization, ("estimator",), _FRAME, rate_hz=10, max_age_s=0.5, priority=Priority.HIGH
+)
+
+COMMIT = Topic("graph/commit", m.Commit, ("mapstore",), _QUERY, answer=m.Done)
+MAPS = Topic("graph/maps", m.GraphQuery, ("mapstore",), _QUERY, answer=m.MapList)
+TOPOLOGY = Topic("graph/topology", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Topology)
+SUBMAP = Topic("graph/submap", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Submap)
+REMOVE = Topic("graph/remove", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Done)
+NAME_PLACE = Topic("graph/place", m.NamePlace, ("mapstore",), _QUERY, answer=m.Done)
+
+PLAN = Topic("plan", m.PlanRequest, ("planner",), _QUERY, answer=m.Route)
+ROUTE = Topic("route", m.Route, ("navigator",), _STATE, blocking=True)
+MISSION = Topic("mission/command", m.Command, ("navigator",), _QUERY, answer=m.Done)
+STATE = Topic("state", m.State, ("navigator",), _STATE, rate_hz=10, max_age_s=0.35, priority=Priority.HIGH, blocking=True)
+
+DESIRED = Topic(
+    "command/desired", m.VelocityCommand, ("tracker",), _FRAME, rate_hz=20, max_age_s=0.25, priority=Priority.REAL_TIME
+)
+TELEOP = Topic(
+    "command/teleop", m.VelocityCommand, ("operator", "console", "sensors"), _FRAME, rate_hz=20, max_age_s=0.25,
+    priority=Priority.REAL_TIME,
+)  # fmt: skip
+SAFE = Topic(
+    "command/safe", m.VelocityCommand, ("safety",), _FRAME, rate_hz=50, max_age_s=0.3, priority=Priority.REAL_TIME
+)
+TRACKER_STATUS = Topic("tracker/status", m.TrackerStatus, ("tracker",), _FRAME, rate_hz=10, max_age_s=0.5)
+SAFETY_STATUS = Topic("safety/status", m.SafetyStatus, ("safety",), _STATE, rate_hz=10, max_age_s=0.5, blocking=True)
+SAFETY_COMMAND = Topic(
+    "safety/command", m.SafetyCommand, ("safety",), _QUERY, answer=m.Done, priority=Priority.REAL_TIME
+)
+
+HEALTH = Topic("health/{name}", m.Health, ("*",), _FRAME, rate_hz=1, max_age_s=3, priority=Priority.BACKGROUND)
+
+TRUTH = Topic("truth/pose", m.Truth, ("sensors",), _FRAME, rate_hz=50, max_age_s=0.5)
+TRUTH_PLACE = Topic("truth/place", m.Place, ("sensors",), _QUERY, answer=m.Done)
+
+ALL: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))

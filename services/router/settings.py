@@ -1,0 +1,10 @@
+"""``[router]``: nothing to set yet beyond ``[bus]``, which the router shares with its clients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The router listens where ``[bus]`` says."""

@@ -1,0 +1,19 @@
+"""Fixtures that several folders of tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real recordings; skips where it is missing, and always in CI."""
+    if os.environ.get("CI"):
+        pytest.skip("real recordings are not used in CI")
+    folder = Path(os.environ.get("VTR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no recordings at {folder}: set VTR_DATA to the folder that holds them")
+    return folder
