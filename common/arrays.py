@@ -15,6 +15,8 @@ from common.geometry import is_transform
 DTYPES = frozenset({"|b1", "|u1", "<u2", "<u4", "<u8", "|i1", "<i2", "<i4", "<i8", "<f4", "<f8"})
 """Element types that may travel: plain little-endian numbers, nothing that can hold an object."""
 
+_FLOATS = frozenset({"<f4", "<f8"})
+
 
 @dataclass(frozen=True, slots=True)
 class ArraySpec:
@@ -40,16 +42,18 @@ class ArraySpec:
             value = np.asarray(value, dtype=self.dtype)
         if not isinstance(value, np.ndarray):
             raise ValueError(f"expected an array, got {type(value).__name__}")  # noqa: TRY004, pydantic reports ValueError
-        if self.dtype is not None and value.dtype.str != self.dtype:
-            raise ValueError(f"expected elements of type {self.dtype}, got {value.dtype.str}")
-        if value.dtype.str not in DTYPES:
-            raise ValueError(f"elements of type {value.dtype.str} cannot travel")
+        dtype = value.dtype.str
+        if self.dtype is not None and dtype != self.dtype:
+            raise ValueError(f"expected elements of type {self.dtype}, got {dtype}")
+        if dtype not in DTYPES:
+            raise ValueError(f"elements of type {dtype} cannot travel")
         if self.shape and not self._fits(value.shape):
             raise ValueError(f"expected shape {self.shape}, got {value.shape}")
-        if value.dtype.kind == "f" and not np.isfinite(value).all():
+        if self.rigid:
+            if not is_transform(value):
+                raise ValueError("not a rigid transform")
+        elif dtype in _FLOATS and not np.isfinite(value).all():
             raise ValueError("the array holds NaN or infinity")
-        if self.rigid and not is_transform(value):
-            raise ValueError("not a rigid transform")
         return value
 
     def _fits(self, shape: tuple[int, ...]) -> bool:

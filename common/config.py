@@ -8,10 +8,11 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import tomllib
+import typing
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
 
 from common.errors import ConfigurationError
 from common.ids import NAME_PATTERN
@@ -69,10 +70,16 @@ class RobotConfig:
         Raises:
             ConfigurationError: a wrong key or value, with the nearest right key where there is one.
         """
+        # A dataclass takes the strictness of the model that it is a field of.
+        model = create_model(
+            "Tables",
+            __config__=ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True),
+            **{table: (kind, ...)},
+        )
         try:
-            return TypeAdapter(kind, config=ConfigDict(extra="forbid")).validate_python(self.tables.get(table, {}))
+            return cast("S", getattr(model.model_validate({table: self.tables.get(table, {})}), table))
         except ValidationError as error:
-            raise ConfigurationError(_sentence(self.path, error, (table,), kind)) from None
+            raise ConfigurationError(_sentence(self.path, error, model)) from None
 
 
 def load(path: Path) -> RobotConfig:
@@ -90,7 +97,7 @@ def load(path: Path) -> RobotConfig:
     try:
         file = _File.model_validate(content)
     except ValidationError as error:
-        raise ConfigurationError(_sentence(path, error, (), _File)) from None
+        raise ConfigurationError(_sentence(path, error, _File)) from None
     extra = file.model_extra or {}
     for name, table in extra.items():
         if not isinstance(table, dict):
@@ -112,12 +119,12 @@ def check_tables(config: RobotConfig, kinds: dict[str, type[Any]]) -> None:
         config.settings(name, kind)
 
 
-def _sentence(path: Path, error: ValidationError, prefix: tuple[str, ...], kind: type[Any]) -> str:
+def _sentence(path: Path, error: ValidationError, kind: type[Any]) -> str:
     """One sentence on the first thing that is wrong."""
     first = error.errors(include_url=False)[0]
-    location = (*prefix, *map(str, first["loc"]))
+    location = tuple(map(str, first["loc"]))
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        return f"{path}: '{'.'.join(location)}' is no setting{_hint(location[-1], _keys(kind, first['loc'][:-1]))}"
+        return f"{path}: '{'.'.join(location)}' is no setting{_hint(location[-1], _keys(kind, location[:-1]))}"
     if first["type"] == "missing":
         return f"{path}: '{'.'.join(location)}' is missing"
     return f"{path}: '{'.'.join(location)}': {first['msg']}, got {first['input']!r}"
@@ -128,13 +135,12 @@ def _hint(word: str, known: list[str]) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
-def _keys(kind: Any, location: tuple[int | str, ...]) -> list[str]:  # noqa: ANN401, a class or a field's type
+def _keys(kind: Any, location: tuple[str, ...]) -> list[str]:  # noqa: ANN401, a class or a field's type
     """The settings known at a place of a dataclass or model."""
-    import typing  # noqa: PLC0415
-
     for step in location:
-        hints = typing.get_type_hints(kind) if isinstance(kind, type) else {}
-        kind = hints.get(str(step))
+        fields = getattr(kind, "model_fields", None)
+        hints = {k: f.annotation for k, f in fields.items()} if fields else typing.get_type_hints(kind)
+        kind = hints.get(step)
     if dataclasses.is_dataclass(kind):
         return [field.name for field in dataclasses.fields(kind)]
     return list(getattr(kind, "model_fields", {}))

@@ -23,6 +23,10 @@ _SMALL_ANGLE = 1e-4
 """Below this angle (rad) the series of the coefficients beats their closed forms in double precision."""
 
 
+_EYE3 = np.eye(3)
+_LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
+
+
 def skew(v: ArrayLike) -> Array:
     """Matrices ``v^`` of shape (..., 3, 3) with ``v^ u = v x u``, for vectors of shape (..., 3)."""
     v = np.asarray(v, dtype=np.float64)
@@ -130,7 +134,7 @@ def adjoint(T: ArrayLike) -> Array:
 def apply(T: ArrayLike, points: ArrayLike) -> Array:
     """Points (..., N, 3) of frame b in frame a, by ``T_a_b`` (..., 4, 4)."""
     T = np.asarray(T, dtype=np.float64)
-    return np.asarray(points) @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+    return np.asarray(points, dtype=np.float64) @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
 
 
 def normalize(T: ArrayLike) -> Array:
@@ -147,10 +151,11 @@ def is_transform(T: ArrayLike, tolerance: float = 1e-6) -> bool:
     if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
         return False
     rotation = T[..., :3, :3]
-    orthogonal = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0) <= tolerance
-    proper = (np.linalg.det(rotation) > 0.0).all()
-    last_row = np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) <= tolerance
-    return bool(orthogonal and proper and last_row)
+    # Numbers far from those of a rotation would overflow below.
+    if np.abs(T[..., 3, :] - _LAST_ROW).max(initial=0.0) > tolerance or np.abs(rotation).max(initial=0.0) > 2.0:
+        return False
+    residual = rotation @ np.swapaxes(rotation, -1, -2) - _EYE3
+    return bool(np.abs(residual).max(initial=0.0) <= tolerance and (np.linalg.det(rotation) > 0.0).all())
 
 
 def from_xy_yaw(x: float, y: float, yaw: float) -> Array:

@@ -12,7 +12,7 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,62}$"
 
 MAP_ID_PATTERN = r"^\d{8}T\d{12}-[a-z0-9][a-z0-9_-]{0,62}-[0-9a-f]{6}$"
 
-_VERTEX = re.compile(r"^(?P<map>.+):(?P<index>\d{1,9})$")
+_VERTEX = re.compile(r"(?P<map>[^:]+):(?P<index>[0-9]{1,9})")
 
 
 def new_map_id(robot: str, stamp_ns: int) -> str:
@@ -40,7 +40,7 @@ class VertexId(NamedTuple):
         Raises:
             ValueError: the text is not of that form.
         """
-        match = _VERTEX.match(text)
+        match = _VERTEX.fullmatch(text)
         if match is None:
             raise ValueError(f"'{text}' is not a vertex: write it as map:index")
         return cls(match["map"], int(match["index"]))

@@ -400,7 +400,7 @@ class SafetyStatus(Message):
 
 
 class Percentiles(Message):
-    """Durations of one stage since the last report, milliseconds."""
+    """Durations of one stage, milliseconds, over its last thousand runs; ``count`` is that of all runs."""
 
     count: Count
     p50: NotNegative

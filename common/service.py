@@ -9,8 +9,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import ctypes
+import faulthandler
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -30,7 +32,11 @@ from common.errors import RetraverseError
 from common.messages import Health, Percentiles, now_ns
 
 _HEALTH_PERIOD_S = 1.0
-_STOP_DEADLINE_S = 1.8
+_JOIN_DEADLINE_S = 0.5
+_STOP_DEADLINE_S = 1.7
+_FORCED = 70
+"""Exit status of a process that had to be ended by force."""
+
 _CLOCK_JUMP_S = 0.5
 _SAMPLES_KEPT = 1000
 
@@ -46,6 +52,7 @@ class Service:
         self.bus = bus
         self.stop = threading.Event()
         self.failed = False
+        self._threads: list[threading.Thread] = []
         self._durations: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_SAMPLES_KEPT))
         self._counts: dict[str, int] = defaultdict(int)
         self._process = psutil.Process()
@@ -66,7 +73,10 @@ class Service:
         self._counts[name] += 1
 
     def thread(self, target: Callable[[], None], name: str) -> threading.Thread:
-        """Starts a thread whose uncaught error ends the process, so that the supervisor starts it anew."""
+        """Starts a thread whose uncaught error ends the process, so that the supervisor starts it anew.
+
+        It should return when ``stop`` is set: the bus stays open for it for half a second more.
+        """
 
         def guarded() -> None:
             try:
@@ -77,8 +87,15 @@ class Service:
                 self.stop.set()
 
         thread = threading.Thread(target=guarded, name=name, daemon=True)
+        self._threads.append(thread)
         thread.start()
         return thread
+
+    def join_threads(self) -> None:
+        """Waits for this service's threads to return, but never long."""
+        deadline = time.monotonic() + _JOIN_DEADLINE_S
+        for thread in self._threads:
+            thread.join(max(0.0, deadline - time.monotonic()))
 
     def report_health(self) -> None:
         """Publishes the health of this process once a second until it stops; a jump of the clock is logged here."""
@@ -122,9 +139,13 @@ def run(name: str, main: Callable[[Service], None], mode: Literal["client", "rou
     try:
         configuration = config.load(Path(path))
         logs.configure(configuration.robot.name, name, configuration.robot.log_level, json=configuration.robot.log_json)
-        sys.exit(_live(name, configuration, main, mode))
+        status = _live(name, configuration, main, mode)
     except RetraverseError as error:
         sys.exit(f"{name}: {error}")
+    # The interpreter's own end would unwind threads that are inside native code, which aborts the process.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _live(
@@ -146,25 +167,39 @@ def _live(
             log.exception("failed")
             service.failed = True
         service.stop.set()
+        service.join_threads()
         log.info("ended")
     return 1 if service.failed else 0
 
 
 def _stop_on_signals(service: Service) -> None:
-    """Lets SIGTERM and SIGINT end the service, and ends it by force when its main loop does not return in time."""
+    """Lets SIGTERM and SIGINT end the service, and ends it by force when its main loop does not return in time.
+
+    Python runs a signal's handler in the main thread alone, which may be inside native code for long: the signal's
+    number, written to a socket at once, wakes a thread of its own instead.
+    """
+    awake, waker = socket.socketpair()
+    waker.setblocking(False)
+
+    def listen() -> None:
+        awake.recv(1)
+        service.stop.set()
 
     def force() -> None:
         service.stop.wait()
         time.sleep(_STOP_DEADLINE_S)
         log.error("did not stop in time")
-        os._exit(70)
+        faulthandler.dump_traceback()
+        os._exit(_FORCED)
 
     def handle(_signal: int, _frame: FrameType | None) -> None:
         service.stop.set()
 
+    signal.set_wakeup_fd(waker.detach(), warn_on_full_buffer=False)
     signal.signal(signal.SIGTERM, handle)
     signal.signal(signal.SIGINT, handle)
-    threading.Thread(target=force, name="deadline", daemon=True).start()
+    for target in (listen, force):
+        threading.Thread(target=target, name=target.__name__, daemon=True).start()
 
 
 def _die_with_parent() -> None:

@@ -1,6 +1,7 @@
-"""Every topic: its key, message, owner, expected rate, maximum age, priority, congestion control, and what a late joiner gets.
+"""Every topic: its key, message, owner, rate, maximum age, priority, congestion control, and what a late joiner gets.
 
-"Alive", "at its rate" and "fresh" follow from this table, and so do the page of messages in the docs and the columns of ``vtr ps``.
+"Alive", "at its rate" and "fresh" follow from this table, and so do the page of messages in the docs and the columns
+of ``vtr ps``.
 """
 
 from __future__ import annotations
@@ -87,7 +88,9 @@ NAME_PLACE = Topic("graph/place", m.NamePlace, ("mapstore",), _QUERY, answer=m.D
 PLAN = Topic("plan", m.PlanRequest, ("planner",), _QUERY, answer=m.Route)
 ROUTE = Topic("route", m.Route, ("navigator",), _STATE, blocking=True)
 MISSION = Topic("mission/command", m.Command, ("navigator",), _QUERY, answer=m.Done)
-STATE = Topic("state", m.State, ("navigator",), _STATE, rate_hz=10, max_age_s=0.35, priority=Priority.HIGH, blocking=True)
+STATE = Topic(
+    "state", m.State, ("navigator",), _STATE, rate_hz=10, max_age_s=0.35, priority=Priority.HIGH, blocking=True
+)
 
 DESIRED = Topic(
     "command/desired", m.VelocityCommand, ("tracker",), _FRAME, rate_hz=20, max_age_s=0.25, priority=Priority.REAL_TIME

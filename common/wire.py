@@ -5,8 +5,8 @@
 | "VTR1" | header size | header (msgpack) | padding | array | padding | array | ...
 ```
 
-An array stands in the header as an extension ``[dtype, shape, offset]``, the offset counted from the
-end of the header and a multiple of 64, so that a view is aligned for vector instructions.
+An array stands in the header as an extension ``[dtype, shape, offset]``, the offset counted from the end of the
+padded header. It begins at a multiple of 64 from the message's first byte, so that a view is as aligned as its message.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _MAX_DIMENSIONS = 5
 M = TypeVar("M", bound=BaseModel)
 
 
-def encode(message: BaseModel) -> bytearray:
+def encode(message: BaseModel) -> bytes:
     """The bytes of a message; each of its arrays is copied once."""
-    arrays: list[tuple[int, NDArray[Any]]] = []
+    parts: list[bytes | NDArray[Any]] = [b"", b""]
     end = 0
 
     def refer(value: object) -> msgpack.ExtType:
@@ -43,18 +43,17 @@ def encode(message: BaseModel) -> bytearray:
         if not isinstance(value, np.ndarray):
             raise TypeError(f"a message cannot carry a {type(value).__name__}")
         offset = _aligned(end)
+        parts.append(bytes(offset - end))
+        parts.append(np.ascontiguousarray(value))
         end = offset + value.nbytes
-        arrays.append((offset, value))
         return msgpack.ExtType(_ARRAY, msgpack.packb([value.dtype.str, list(value.shape), offset]))
 
     header = msgpack.packb(message.model_dump(mode="python"), default=refer)
-    start = _aligned(_PREFIX.size + len(header))
-    out = bytearray(start + end)
-    _PREFIX.pack_into(out, 0, _MAGIC, len(header))
-    out[_PREFIX.size : _PREFIX.size + len(header)] = header
-    for offset, array in arrays:
-        np.ndarray(array.shape, array.dtype, out, start + offset)[...] = array
-    return out
+    used = _PREFIX.size + len(header)
+    parts[0] = _PREFIX.pack(_MAGIC, len(header))
+    parts[1] = header + bytes(_aligned(used) - used)
+    # One join copies every array once into memory that nobody has zeroed before.
+    return b"".join(parts)
 
 
 def decode(model: type[M], data: bytes | bytearray | memoryview) -> M:
@@ -93,9 +92,11 @@ def _view(body: memoryview, code: int, data: bytes) -> NDArray[Any]:
         raise ValueError(f"unknown extension {code}")
     dtype, shape, offset = msgpack.unpackb(data)
     if dtype not in DTYPES or len(shape) > _MAX_DIMENSIONS:
-        raise ValueError(f"an array of {dtype} with {len(shape)} axes cannot travel")
-    if not all(isinstance(n, int) and n >= 0 for n in (*shape, offset)):
+        raise ValueError("an array of its type or number of axes cannot travel")
+    if not all(type(n) is int and n >= 0 for n in (*shape, offset)):
         raise ValueError("an array's shape and offset are counts")
+    if offset % _ALIGN:
+        raise ValueError("an array is not aligned")
     if offset + math.prod(shape) * np.dtype(dtype).itemsize > len(body):
         raise ValueError("an array reaches outside of its message")
     return np.ndarray(tuple(shape), dtype, body, offset)

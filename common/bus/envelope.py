@@ -12,7 +12,7 @@ from common.errors import MalformedMessage
 from common.topics import SCHEMA
 
 _CHECKED_BYTES = 65536
-"""Of a large payload only this much is summed: its header and first array; a picture's noise is not worth a millisecond."""
+"""Of a large payload only this much is summed: its header and what follows; a picture's noise is not worth its time."""
 
 
 class Source(NamedTuple):
@@ -56,10 +56,13 @@ class Envelope(NamedTuple):
         if attachment is None:
             raise MalformedMessage("the sample carries no envelope")
         try:
-            schema, sequence, stamp, source, checksum = msgpack.unpackb(attachment)
-            envelope = cls(int(schema), int(sequence), int(stamp), Source(*map(str, source)), int(checksum))
+            schema, sequence, stamp, names, checksum = msgpack.unpackb(attachment)
+            envelope = cls(schema, sequence, stamp, Source(*names), checksum)
         except (ValueError, TypeError, msgpack.UnpackException):
             raise MalformedMessage("the sample's envelope cannot be read") from None
+        numbers = (schema, sequence, stamp, checksum)
+        if not (all(type(n) is int and n >= 0 for n in numbers) and all(type(name) is str for name in names)):
+            raise MalformedMessage("the sample's envelope cannot be read")
         if envelope.schema != SCHEMA:
             raise MalformedMessage(f"the sample is of schema {envelope.schema}, this process speaks {SCHEMA}")
         if envelope.checksum != _checksum(payload):

@@ -19,7 +19,7 @@ from common.bus.envelope import Envelope, Source
 from common.bus.presence import Presence
 from common.bus.statistics import Statistics
 from common.bus.subscription import Subscription
-from common.errors import BusError, MalformedMessage, NoAnswer, Refused, RetraverseError
+from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError
 from common.messages import Message, now_ns
 from common.topics import Delivery, Priority, Topic
 
@@ -40,8 +40,12 @@ _SWITCH_INTERVAL_S = 0.0005
 _REQUESTS_WAITING = 256
 
 
-def session_config(mode: str, endpoint: str, *, shared_memory: bool) -> zenoh.Config:
-    """Zenoh's configuration of a robot's process: a client of the robot's router, or that router itself."""
+def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: float | None = None) -> zenoh.Config:
+    """Zenoh's configuration of a robot's process: a client of the robot's router, or that router itself.
+
+    A client waits ``timeout`` seconds for the router to appear, without end if that is None; a session that has
+    found it once finds it again whenever it is back.
+    """
     config = zenoh.Config()
     ends = {"router": ([], [endpoint]), "client": ([endpoint], [])}
     connect, listen = ends[mode]
@@ -56,8 +60,8 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool) -> zenoh.Co
         "transport/link/tx/lease": 1000,
     }
     if mode == "client":
-        settings["connect/timeout_ms"] = -1
-        settings["connect/exit_on_failure"] = False
+        settings["connect/timeout_ms"] = -1 if timeout is None else round(timeout * 1000)
+        settings["connect/exit_on_failure"] = timeout is not None
         settings["connect/retry"] = {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5}
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
@@ -110,17 +114,32 @@ class Bus:
         *,
         shared_memory: bool = True,
         mode: Literal["client", "router"] = "client",
+        timeout: float | None = None,
     ) -> None:
+        """Opens the session.
+
+        A client waits for the router ``timeout`` seconds, and without end if that is None.
+
+        Raises:
+            NoRouter: no router answered in time.
+            BusError: the router's port is in use, or the endpoint is none.
+        """
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
         self.robot = robot
+        self.endpoint = endpoint
         self.source = Source.of(robot, process)
         self.statistics = Statistics()
         self._declared: list[Any] = []
         self._queues: list[queue.SimpleQueue[zenoh.Query | None]] = []
         try:
-            self.session = zenoh.open(session_config(mode, endpoint, shared_memory=shared_memory))
+            self.session = zenoh.open(session_config(mode, endpoint, shared_memory=shared_memory, timeout=timeout))
         except zenoh.ZError as error:
-            raise BusError(f"cannot open {endpoint} as a {mode}: is its port in use, or its form wrong? ({error})") from None
+            if mode == "client":
+                raise NoRouter(f"no router answers at {endpoint}: is the robot up?") from None
+            reason = str(error).split(" at ", maxsplit=1)[0]
+            raise BusError(
+                f"cannot open {endpoint} as a {mode}: is its port in use, or its form wrong? ({reason})"
+            ) from None
 
     def __enter__(self) -> Self:
         return self
@@ -134,7 +153,7 @@ class Bus:
         """Ends the session; what is declared on it goes with it."""
         for waiting in self._queues:
             waiting.put(None)
-        self.session.close()
+        self.session.close()  # type: ignore[no-untyped-call]
 
     def connected(self) -> bool:
         """Whether the session has a link to the router now."""
@@ -149,9 +168,7 @@ class Bus:
         """Who else is there, from now on."""
         presence = Presence(wake)
         key = f"vtr/{self.robot}/alive/*"
-        self._declared.append(
-            self.session.liveliness().declare_subscriber(key, presence.hand_over, history=True)
-        )
+        self._declared.append(self.session.liveliness().declare_subscriber(key, presence.hand_over, history=True))
         return presence
 
     def publisher(self, topic: Topic, name: str = "") -> Publisher[Any]:
@@ -190,11 +207,15 @@ class Bus:
 
         def answer() -> None:
             while (query := waiting.get()) is not None:
-                self._answer(topic, query, handler)
+                try:
+                    self._answer(topic, query, handler)
+                except zenoh.ZError as error:
+                    # The asker has gone, or this session ends: the next question may still be answered.
+                    log.warning("an answer could not be sent", key=key, reason=str(error))
                 del query  # its end tells the asker that no more answers come
 
-        threading.Thread(target=answer, name=f"serve {topic.key}", daemon=True).start()
         key = topic.at(self.robot)
+        threading.Thread(target=answer, name=f"serve {topic.key}", daemon=True).start()
         self._declared.append(self.session.declare_queryable(key, hand_over, complete=True))
 
     def ask(self, topic: Topic, question: Message, timeout: float = 2.0) -> Any:  # noqa: ANN401, the topic's answer
@@ -202,7 +223,9 @@ class Bus:
 
         Raises:
             Refused: the answerer's own sentence.
+            NoRouter: this session has no link to the router now.
             NoAnswer: nobody answered within ``timeout`` seconds.
+            MalformedMessage: the answer is none of this topic's.
         """
         payload = wire.encode(question)
         envelope = Envelope.seal(payload, self.source, 0, now_ns())
@@ -221,20 +244,22 @@ class Bus:
                 text = reply.err.payload.to_bytes().decode(errors="replace")
                 if text != "Timeout":
                     raise Refused(text)
-        raise NoAnswer(f"nobody answers '{topic.key}' on robot '{self.robot}': is {topic.owners[0]} running? See vtr ps.")
+        if not self.connected():
+            raise NoRouter(f"no router answers at {self.endpoint}: is the robot up?")
+        raise NoAnswer(
+            f"nobody answers '{topic.key}' on robot '{self.robot}': is {topic.owners[0]} running? See vtr ps."
+        )
 
     def _answer(self, topic: Topic, query: zenoh.Query, handler: Callable[[Any], Message]) -> None:
         key = topic.at(self.robot)
         try:
-            payload = b"" if query.payload is None else query.payload.to_bytes()
-            attachment = None if query.attachment is None else query.attachment.to_bytes()
-            source = Envelope.open(attachment, payload).source
-            if source.robot != self.robot:
-                raise MalformedMessage(f"the question is for robot '{source.robot}'")
-            reply = wire.encode(handler(wire.decode(topic.message, payload)))
+            question = self._question(topic, query)
         except MalformedMessage as error:
             self.statistics.dropped(key, str(error))
             query.reply_err(str(error))
+            return
+        try:
+            reply = wire.encode(handler(question))
         except RetraverseError as error:
             query.reply_err(str(error))
         except Exception:
@@ -243,3 +268,11 @@ class Bus:
         else:
             query.reply(key, reply)
             self.statistics.sent(key)
+
+    def _question(self, topic: Topic, query: zenoh.Query) -> Message:
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        attachment = None if query.attachment is None else query.attachment.to_bytes()
+        source = Envelope.open(attachment, payload).source
+        if source.robot != self.robot:
+            raise MalformedMessage(f"the question is of robot '{source.robot}'")
+        return wire.decode(topic.message, payload)

@@ -9,6 +9,9 @@ from collections import Counter
 import structlog
 
 _LOG_PERIOD_S = 1.0
+_REASON_LENGTH = 200
+_KEYS_KEPT = 256
+_OTHER_KEYS = "other keys"
 
 log = structlog.get_logger()
 
@@ -33,12 +36,14 @@ class Statistics:
         """Counts a sample that was refused, and logs it unless another was logged within the last second."""
         now = time.monotonic()
         with self._lock:
-            self._dropped[key] += 1
+            # Keys under a wildcard are whatever a stranger makes up: their number is bounded.
+            known = key in self._dropped or len(self._dropped) < _KEYS_KEPT
+            self._dropped[key if known else _OTHER_KEYS] += 1
             self._silent += 1
             if now - self._last_log < _LOG_PERIOD_S:
                 return
             self._last_log, count, self._silent = now, self._silent, 0
-        log.warning("samples dropped", key=key, reason=reason, count=count)
+        log.warning("samples dropped", key=key, reason=reason[:_REASON_LENGTH], count=count)
 
     def collect(self) -> tuple[dict[str, float], dict[str, int]]:
         """Rates (Hz) by key since the last call, and drops by key since the start."""

@@ -20,6 +20,7 @@ from common.topics import Delivery, Topic
 M = TypeVar("M", bound=Message)
 
 _STATE_BACKLOG = 256
+_FRAME_KEYS = 64
 _SOURCES_KEPT = 64
 
 
@@ -36,8 +37,8 @@ class Received(Generic[M]):
 class Subscription(Generic[M]):
     """The samples of one topic, checked: of this robot, from the topic's owner, well formed, and in sequence.
 
-    Of a FRAME topic only the newest unread sample is kept; of a STATE topic all are, in order. Nothing is decoded
-    before it is asked for, and then in the thread that asks.
+    Of a FRAME topic only the newest unread sample of each key is kept; of a STATE topic all are, in order. Nothing is
+    decoded before it is asked for, and then in the thread that asks.
     """
 
     def __init__(
@@ -47,9 +48,7 @@ class Subscription(Generic[M]):
         self._model = model
         self._robot = robot
         self._statistics = statistics
-        self._queue: deque[tuple[zenoh.Sample, float]] = deque(
-            maxlen=1 if topic.delivery is Delivery.FRAME else _STATE_BACKLOG
-        )
+        self._unread = _NewestByKey() if topic.delivery is Delivery.FRAME else _Backlog()
         self._arrived = threading.Event()
         self._wake = wake
         self._lock = threading.Lock()
@@ -58,7 +57,7 @@ class Subscription(Generic[M]):
 
     def hand_over(self, sample: zenoh.Sample) -> None:
         """Zenoh's callback: keeps the sample for the consumer, and nothing else."""
-        self._queue.append((sample, time.monotonic()))
+        self._unread.add(sample, time.monotonic())
         self._arrived.set()
         if self._wake is not None:
             self._wake.set()
@@ -66,18 +65,13 @@ class Subscription(Generic[M]):
     def poll(self) -> Received[M] | None:
         """The next unread valid sample, or None at once."""
         with self._lock:
-            while True:
-                self._arrived.clear()
-                try:
-                    sample, arrival = self._queue.popleft()
-                except IndexError:
-                    return None
-                received = self._check(sample, arrival)
+            self._arrived.clear()
+            while (unread := self._unread.take()) is not None:
+                received = self._check(*unread)
                 if received is not None:
                     self._last = received
-                    if self._queue:
-                        self._arrived.set()
                     return received
+            return None
 
     def wait(self, timeout: float) -> Received[M] | None:
         """The next unread valid sample, or None after ``timeout`` seconds."""
@@ -87,6 +81,7 @@ class Subscription(Generic[M]):
             remaining = deadline - time.monotonic()
             if received is not None or remaining <= 0:
                 return received
+            # Set by every arrival after the poll has begun, so that none is slept through.
             self._arrived.wait(remaining)
 
     def last(self) -> Received[M] | None:
@@ -114,12 +109,15 @@ class Subscription(Generic[M]):
             attachment = sample.attachment
             envelope = Envelope.open(None if attachment is None else attachment.to_bytes(), payload)
             self._check_source(envelope.source)
-            if not self._in_sequence(key, envelope):
+            identity = (key, envelope.source)
+            if envelope.sequence <= self._sequences.get(identity, -1):
                 # A late joiner receives the last state from the publisher's cache and again live.
                 if self.topic.delivery is Delivery.FRAME:
                     self._statistics.dropped(key, "out of sequence")
                 return None
-            return Received(wire.decode(self._model, payload), arrival, envelope.source, key)
+            message = wire.decode(self._model, payload)
+            self._remember(identity, envelope.sequence)
+            return Received(message, arrival, envelope.source, key)
         except MalformedMessage as error:
             self._statistics.dropped(key, str(error))
             return None
@@ -130,12 +128,44 @@ class Subscription(Generic[M]):
         if self.topic.owners != ("*",) and source.process not in self.topic.owners:
             raise MalformedMessage(f"'{source.process}' does not own this topic")
 
-    def _in_sequence(self, key: str, envelope: Envelope) -> bool:
-        identity = (key, envelope.source)
-        if envelope.sequence <= self._sequences.get(identity, -1):
-            return False
-        self._sequences[identity] = envelope.sequence
+    def _remember(self, identity: tuple[str, Source], sequence: int) -> None:
+        self._sequences[identity] = sequence
         self._sequences.move_to_end(identity)
         if len(self._sequences) > _SOURCES_KEPT:
             self._sequences.popitem(last=False)
-        return True
+
+
+class _Backlog:
+    """Unread samples in order of arrival; the oldest goes when there are too many."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[zenoh.Sample, float]] = deque(maxlen=_STATE_BACKLOG)
+
+    def add(self, sample: zenoh.Sample, arrival: float) -> None:
+        self._samples.append((sample, arrival))
+
+    def take(self) -> tuple[zenoh.Sample, float] | None:
+        try:
+            return self._samples.popleft()
+        except IndexError:
+            return None
+
+
+class _NewestByKey:
+    """The newest unread sample of each key, so that one sensor or service does not hide another."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._samples: OrderedDict[str, tuple[zenoh.Sample, float]] = OrderedDict()
+
+    def add(self, sample: zenoh.Sample, arrival: float) -> None:
+        key = str(sample.key_expr)
+        with self._lock:
+            self._samples[key] = (sample, arrival)
+            self._samples.move_to_end(key)
+            if len(self._samples) > _FRAME_KEYS:
+                self._samples.popitem(last=False)
+
+    def take(self) -> tuple[zenoh.Sample, float] | None:
+        with self._lock:
+            return self._samples.popitem(last=False)[1] if self._samples else None

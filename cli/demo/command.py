@@ -1,0 +1,56 @@
+"""``vtr demo``: every process on this machine with the synthetic world; teaches a route and repeats it."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli import output
+from cli.errors import CommandError
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the report, the plot, the logs and the map.")] = Path(
+        "demo"
+    ),
+    speed: Annotated[float, typer.Option(help="Speed of the teaching human, m/s.", min=0.2, max=2.0)] = 1.2,
+    lateral_offset: Annotated[float, typer.Option(help="Metres beside the path at which the repeat starts.")] = 0.3,
+    heading_offset: Annotated[float, typer.Option(help="Degrees off the path at which the repeat starts.")] = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,  # noqa: FBT002
+) -> None:
+    """Teach a route and repeat it in the synthetic world, with every process of a robot on this machine."""
+    from cli.demo.driver import DriverSettings
+    from cli.demo.plot import plot_paths
+    from cli.demo.report import make_report, print_report, write_report
+    from cli.demo.story import Offset, Story, write_config
+
+    folder = out.expanduser().absolute()
+    data = folder / "data"
+    if data.exists():
+        shutil.rmtree(data)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_config(folder / "robot.toml", data)
+    offset = Offset(lateral_offset, heading_offset)
+    with output.progress() as bar:
+        task = bar.add_task("starting", total=1.0)
+        with Story(
+            folder / "robot.toml", lambda text, part: bar.update(task, description=text, completed=part)
+        ) as story:
+            map_id, taught = story.teach(story.route(), DriverSettings(speed=speed))
+            repeated = story.repeat(map_id, taught.poses()[0], offset, timeout=3.0 * taught.driving_seconds() + 30.0)
+    if not repeated.drove():
+        raise CommandError(f"the robot did not drive: {repeated.final_state}, {repeated.final_reason}")
+    report = make_report(taught, repeated, dataclasses.asdict(offset))
+    write_report(report, folder / "report.json")
+    plot_paths(taught, repeated, report, folder / "path.png")
+    if as_json:
+        output.emit(dataclasses.asdict(report), "", as_json=True)
+    else:
+        print_report(report, output.console())
+        output.console().print(f"report: {folder / 'report.json'}   plot: {folder / 'path.png'}")
+    if report.final_state != "Idle":
+        raise CommandError(f"the repeat did not end at its goal: {report.final_state}, {report.final_reason}")

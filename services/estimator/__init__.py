@@ -1,0 +1,1 @@
+"""The estimator: frames in; odometry, vertices and localization out."""

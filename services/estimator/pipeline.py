@@ -1,0 +1,84 @@
+"""What the estimator asks of a sensor's pipeline: VT&R3's five stages, in vehicle frames.
+
+A pipeline preprocesses a frame and measures its motion (:meth:`Pipeline.process`), maps it (:meth:`Pipeline.keyframe`),
+decides on vertices (:meth:`Pipeline.is_vertex_due`) and localizes (:meth:`Pipeline.localize`, :meth:`Pipeline.search`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+from common.geometry import Array, Uncertain
+from common.messages import Keyframe, VertexRecord
+
+Live = TypeVar("Live")
+Submap = TypeVar("Submap")
+
+
+@dataclass(frozen=True, slots=True)
+class Step(Generic[Live]):
+    """A processed frame.
+
+    Attributes:
+        stamp: of the frame, nanoseconds.
+        T_last_live: the vehicle's motion since the frame before, with covariance.
+        twist: (6,) m/s and rad/s in the vehicle frame.
+        success: whether the motion was measured; if not it is only predicted.
+        inliers: measurements that agree on it.
+        reason: why it was not measured.
+        live: what mapping and localization need of the frame.
+        milliseconds: time spent by stage.
+    """
+
+    stamp: int
+    T_last_live: Uncertain
+    twist: Array
+    success: bool
+    inliers: int
+    reason: str
+    live: Live
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Localized:
+    """The outcome of a localization against a vertex.
+
+    Attributes:
+        success: whether it counts.
+        T_vertex_live: the vehicle in the vertex's frame, with covariance; the prior where it failed.
+        inliers: landmarks that agree.
+        stream: name of the stream that localized.
+        reason: why it failed.
+    """
+
+    success: bool
+    T_vertex_live: Uncertain
+    inliers: int
+    stream: str
+    reason: str
+
+
+class Pipeline(Protocol[Live, Submap]):
+    """One sensor's way through the five stages."""
+
+    def keyframe(self, live: Live) -> Keyframe:
+        """The local map of a frame, to be stored in its vertex."""
+        ...
+
+    def read(self, record: VertexRecord) -> Submap:
+        """The submap of a stored vertex; ValueError where it is none of this pipeline's."""
+        ...
+
+    def is_vertex_due(self, T_vertex_live: Array, inliers: int) -> bool:
+        """Whether the live frame is to become a vertex."""
+        ...
+
+    def localize(self, submap: Submap, prior: Uncertain, live: Live) -> Localized:
+        """Localizes with a prior ``T_vertex_live``."""
+        ...
+
+    def search(self, submap: Submap, live: Live) -> Localized:
+        """Localizes a vehicle that is assumed within a metre or so of the vertex."""
+        ...

@@ -1,0 +1,267 @@
+"""The estimator's topics and loop: frames in; odometry, vertices and localization out."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import structlog
+
+from common import messages as m
+from common import topics
+from common.errors import NoAnswer
+from common.geometry import Uncertain
+from common.ids import VertexId
+from common.service import Service
+from services.estimator.committer import Committer
+from services.estimator.experience import ExperienceRecorder
+from services.estimator.pipeline import Localized, Step
+from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
+from services.estimator.settings import Settings
+from services.estimator.stereo.features import StereoFrame as Pair
+from services.estimator.stereo.pipeline import StereoPipeline, StereoSubmap
+from services.estimator.stereo.preprocessing import ImageError
+from services.estimator.stereo.warm_up import warm_up
+from services.estimator.submaps import SubmapCache
+
+log = structlog.get_logger()
+
+_FRAME_WAIT_S = 0.1
+_ASK_S = 1.0
+
+Recorder = ExperienceRecorder[Pair, StereoSubmap]
+Localizer = RouteLocalizer[Pair, StereoSubmap]
+
+
+def main(service: Service) -> None:
+    """Estimates until the service stops."""
+    Estimator(service, service.config.settings("estimator", Settings)).run()
+
+
+class Estimator:
+    """Takes frames one at a time and does with each what the navigator's state asks for."""
+
+    def __init__(self, service: Service, settings: Settings) -> None:
+        bus = service.bus
+        self._service = service
+        self._settings = settings
+        self._frames = bus.subscribe(topics.STEREO, settings.camera)
+        self._states = bus.subscribe(topics.STATE)
+        self._routes = bus.subscribe(topics.ROUTE)
+        self._odometry = bus.publisher(topics.ODOMETRY)
+        self._localization = bus.publisher(topics.LOCALIZATION)
+        self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
+        self._submaps: SubmapCache[StereoSubmap] = SubmapCache(self._fetch, self._read)
+        self._camera: m.CameraModel | None = None
+        self._pipeline: StereoPipeline | None = None
+        self._recorder: Recorder | None = None
+        self._localizer: Localizer | None = None
+        self._localizing: tuple[str, VertexId | None] | None = None
+        self._anchor: tuple[VertexId, Uncertain] | None = None
+        self._joined: VertexId | None = None
+        self._last_step: Step[Pair] | None = None
+        self._last_success = time.monotonic()
+
+    def run(self) -> None:
+        """The loop: one frame after another, always the newest."""
+        service = self._service
+        service.thread(self._committer.run, "commits")
+        service.thread(lambda: self._submaps.run(service.stop), "submaps")
+        while not service.stop.is_set():
+            received = self._frames.wait(_FRAME_WAIT_S)
+            state = self._states.last()
+            if state is not None:
+                self._end_recording(state.message)
+            if received is not None:
+                with service.stage("frame"):
+                    self._take(received.message, None if state is None else state.message)
+
+    def _take(self, frame: m.StereoFrame, state: m.State | None) -> None:
+        """One frame through the stages that the state asks for."""
+        pipeline = self._pipeline_of(frame.camera)
+        try:
+            step = pipeline.process(frame)
+        except ImageError as error:
+            log.warning("a frame cannot be used", reason=str(error))
+            return
+        for stage, milliseconds in step.milliseconds.items():
+            self._service.record(stage, milliseconds / 1e3)
+        if self._anchor is not None:
+            self._anchor = self._anchor[0], self._anchor[1] @ step.T_last_live
+        self._publish_odometry(step)
+        if state is not None:
+            self._localize(pipeline, step, state)
+            self._record(pipeline, step, state)
+        self._last_step = step
+
+    def _pipeline_of(self, camera: m.CameraModel) -> StereoPipeline:
+        """The pipeline of a camera; another calibration starts another one."""
+        if self._pipeline is None or not _same(camera, self._camera):
+            log.info("a camera appeared", width=camera.width, height=camera.height, baseline=round(camera.baseline, 4))
+            with self._service.stage("compile"):
+                warm_up(camera.camera(), self._settings.stereo)
+            self._camera = camera
+            self._pipeline = StereoPipeline(camera.camera(), self._settings.stereo)
+            self._localizer, self._localizing, self._last_step = None, None, None
+        return self._pipeline
+
+    # --- localization ------------------------------------------------------------------------------------------------
+
+    def _localize(self, pipeline: StereoPipeline, step: Step[Pair], state: m.State) -> None:
+        """Keeps the chain, and localizes in the states that need it."""
+        names = m.StateName
+        searching = state.name in (names.TEACH_METRIC_LOCALIZE, names.REPEAT_METRIC_LOCALIZE)
+        if searching or state.name == names.REPEAT_FOLLOW:
+            self._prepare(pipeline, state)
+        elif state.name != names.PAUSED:
+            self._localizer, self._localizing = None, None
+        localizer = self._localizer
+        if localizer is None:
+            return
+        localizer.move(step)
+        self._submaps.want(localizer.wanted())
+        if state.name == names.PAUSED:
+            return
+        with self._service.stage("localize"):
+            result = localizer.follow(step) if self._is_following(state, localizer) else localizer.search(step)
+        if result.success:
+            self._last_success = time.monotonic()
+            self._anchor = localizer.trunk_and_leaf()
+            self._joined = self._anchor[0] if state.name == names.TEACH_METRIC_LOCALIZE else None
+        self._publish_localization(step, state, localizer, result)
+
+    @staticmethod
+    def _is_following(state: m.State, localizer: Localizer) -> bool:
+        return state.name == m.StateName.REPEAT_FOLLOW and localizer.chain.localized
+
+    def _prepare(self, pipeline: StereoPipeline, state: m.State) -> None:
+        """Has a localizer for what the state localizes against: a route, or a single vertex."""
+        wish = (state.route, state.target)
+        if self._localizer is not None and self._localizing == wish:
+            return
+        settings = self._settings
+        if state.name == m.StateName.TEACH_METRIC_LOCALIZE:
+            if state.target is None:
+                return
+            vertices, path = [state.target], single_vertex_path()
+        else:
+            route = self._routes.last()
+            if route is None or route.message.id != state.route:
+                return
+            vertices, path = route.message.vertices, route.message.path
+        if self._localizer is not None and self._localizing is not None and self._localizing[0] == state.route != "":
+            # The same route with another target: a resume after a pause, during which the chain went on.
+            localizer = self._localizer
+        else:
+            localizer = RouteLocalizer(vertices, path, pipeline, self._submaps.get, settings.chain, settings.window)
+        if not localizer.chain.localized:
+            localizer.start(state.position if state.name == m.StateName.REPEAT_FOLLOW else state.target)
+            self._last_success = time.monotonic()
+        self._localizer, self._localizing = localizer, wish
+
+    def _publish_localization(self, step: Step[Pair], state: m.State, localizer: Localizer, result: Localized) -> None:
+        chain = localizer.chain
+        estimate = chain.T_trunk_leaf()
+        self._localization.put(
+            m.Localization(
+                stamp=step.stamp,
+                route=state.route if state.name != m.StateName.TEACH_METRIC_LOCALIZE else "",
+                trunk=localizer.trunk,
+                trunk_index=chain.trunk,
+                T_trunk_robot=estimate.T,
+                covariance=estimate.covariance,
+                success=result.success,
+                stream=result.stream,
+                inliers=result.inliers,
+                metres_since_success=chain.metres_since_success,
+                seconds_since_success=time.monotonic() - self._last_success,
+                reason=result.reason,
+            )
+        )
+
+    def _publish_odometry(self, step: Step[Pair]) -> None:
+        anchor, estimate = self._anchor or (None, Uncertain.identity())
+        self._odometry.put(
+            m.Odometry(
+                stamp=step.stamp,
+                vertex=anchor,
+                T_vertex_robot=estimate.T,
+                covariance=estimate.covariance,
+                twist=step.twist,
+                success=step.success,
+                inliers=step.inliers,
+                reason=step.reason,
+            )
+        )
+
+    # --- recording ---------------------------------------------------------------------------------------------------
+
+    def _record(self, pipeline: StereoPipeline, step: Step[Pair], state: m.State) -> None:
+        """Makes vertices while a map is taught."""
+        if state.name != m.StateName.TEACH_BRANCH or state.map is None:
+            return
+        if self._recorder is None:
+            self._recorder = self._recorder_for(pipeline, step, state.map)
+            if self._recorder is None:
+                return
+        with self._service.stage("vertex"):
+            commit = self._recorder.step(step)
+        self._anchor = self._recorder.last
+        if commit is not None:
+            self._committer.put(commit)
+            if commit.vertex is not None:
+                self._submaps.put(commit.vertex.id, pipeline.read(commit.vertex))
+
+    def _recorder_for(self, pipeline: StereoPipeline, step: Step[Pair], record: m.MapRecord) -> Recorder | None:
+        """A recorder for a new map, or for one that this process began in an earlier life; None while that is open."""
+        try:
+            stored: m.MapList = self._service.bus.ask(topics.MAPS, m.GraphQuery(environment=record.environment), _ASK_S)
+        except NoAnswer:
+            return None
+        vertices = next((found.vertices for found in stored.maps if found.record.id == record.id), 0)
+        if vertices == 0:
+            joined = self._anchor if self._anchor is not None and self._anchor[0] == self._joined else None
+            return ExperienceRecorder(record, pipeline, joined=joined)
+        last = VertexId(record.id, vertices - 1)
+        self._submaps.want([last])
+        submap = self._submaps.get(last)
+        if submap is None:
+            return None
+        result = pipeline.search(submap, step.live)
+        if not result.success:
+            return None
+        log.info("a recording is taken up again", map=record.id, vertex=last.index)
+        return ExperienceRecorder(record, pipeline, last=(last, result.T_vertex_live))
+
+    def _end_recording(self, state: m.State) -> None:
+        """Ends the recorded map once the navigator's state no longer holds it."""
+        recorder = self._recorder
+        if recorder is None or (state.map is not None and state.map.id == recorder.record.id):
+            return
+        commit = recorder.finish(self._last_step)
+        self._committer.put(commit)
+        if commit.vertex is not None:
+            self._anchor = recorder.last
+        self._recorder = None
+
+    # --- submaps -----------------------------------------------------------------------------------------------------
+
+    def _fetch(self, vertices: list[VertexId]) -> list[m.VertexRecord]:
+        answer: m.Submap = self._service.bus.ask(topics.SUBMAP, m.GraphQuery(vertices=vertices), _ASK_S)
+        return answer.vertices
+
+    def _read(self, record: m.VertexRecord) -> StereoSubmap:
+        if self._pipeline is None:
+            raise ValueError("no camera has appeared yet")
+        return self._pipeline.read(record)
+
+
+def _same(camera: m.CameraModel, other: m.CameraModel | None) -> bool:
+    """Whether two calibrations are equal; arrays have no single equality."""
+    return other is not None and all(
+        _equal(getattr(camera, name), getattr(other, name)) for name in type(camera).model_fields
+    )
+
+
+def _equal(a: Any, b: Any) -> bool:  # noqa: ANN401, a number or an array
+    return bool((a == b).all()) if hasattr(a, "all") else bool(a == b)

@@ -1,0 +1,26 @@
+"""``[estimator]``: the stereo pipeline, the localization chain and the submaps at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from services.estimator.chain import ChainSettings
+from services.estimator.route_localizer import WindowSettings
+from services.estimator.stereo.settings import StereoSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How the robot estimates its motion and its place.
+
+    Attributes:
+        camera: name of the stereo camera's topic.
+        stereo: the pipeline's five stages.
+        chain: the localization chain.
+        window: submaps that are fetched and searched.
+    """
+
+    camera: str = "front"
+    stereo: StereoSettings = field(default_factory=StereoSettings)
+    chain: ChainSettings = field(default_factory=ChainSettings)
+    window: WindowSettings = field(default_factory=WindowSettings)
