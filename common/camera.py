@@ -29,7 +29,7 @@ class StereoCamera:
     cx: float
     cy: float
     baseline: float
-    T_vehicle_camera: Array = field(default_factory=lambda: OPTICAL_IN_VEHICLE.copy())
+    T_vehicle_camera: Array = field(default_factory=lambda: np.array(OPTICAL_IN_VEHICLE))
 
     def project(self, points: ArrayLike) -> Array:
         """Measurements (..., 3) ``[u_left, v, u_right]`` in pixels of points (..., 3) in the optical frame, metres."""

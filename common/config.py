@@ -71,10 +71,11 @@ class RobotConfig:
             ConfigurationError: a wrong key or value, with the nearest right key where there is one.
         """
         # A dataclass takes the strictness of the model that it is a field of.
+        fields: dict[str, Any] = {table: (kind, ...)}
         model = create_model(
             "Tables",
-            __config__=ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True),
-            **{table: (kind, ...)},
+            __config__=ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True),
+            **fields,
         )
         try:
             return cast("S", getattr(model.model_validate({table: self.tables.get(table, {})}), table))

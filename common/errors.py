@@ -7,6 +7,7 @@ RetraverseError
 │   ├── NoRouter           nothing answers at the router's address
 │   ├── NoAnswer           nobody served the query in time
 │   ├── Refused            somebody served it, and said no
+│   ├── Unavailable        somebody served it, and cannot do it now: the same may succeed later
 │   └── MalformedMessage   bytes that are no message of their topic
 └── GraphError             a vertex, edge or map that does not exist, or contradicts another
 ```
@@ -37,6 +38,13 @@ class NoAnswer(BusError):
 
 class Refused(BusError):
     """A query was answered with a refusal; the text is the answerer's reason."""
+
+
+class Unavailable(BusError):
+    """What was asked cannot be done now (a full disk, say); nothing was changed, and asking again later may succeed.
+
+    A handler raises it as any other error that is meant to be read; the asker gets it as itself.
+    """
 
 
 class MalformedMessage(BusError):

@@ -134,7 +134,8 @@ def adjoint(T: ArrayLike) -> Array:
 def apply(T: ArrayLike, points: ArrayLike) -> Array:
     """Points (..., N, 3) of frame b in frame a, by ``T_a_b`` (..., 4, 4)."""
     T = np.asarray(T, dtype=np.float64)
-    return np.asarray(points, dtype=np.float64) @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+    p = np.asarray(points, dtype=np.float64)
+    return np.asarray(p @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3])
 
 
 def normalize(T: ArrayLike) -> Array:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import secrets
 from datetime import UTC, datetime
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
+
+from pydantic import Field
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,62}$"
 """Robots, environments, sensors and places: safe in a key expression, a file name and an object key."""
@@ -27,8 +29,8 @@ def new_map_id(robot: str, stamp_ns: int) -> str:
 class VertexId(NamedTuple):
     """A vertex: the map (experience) that it belongs to and its index there, in driving order."""
 
-    map_id: str
-    index: int
+    map_id: Annotated[str, Field(max_length=100)]
+    index: Annotated[int, Field(ge=0, lt=2**31)]  # type: ignore[assignment]  # hides tuple.index, of no use here
 
     def __str__(self) -> str:
         return f"{self.map_id}:{self.index}"

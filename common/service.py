@@ -82,9 +82,11 @@ class Service:
             try:
                 target()
             except Exception:
-                log.exception("a thread failed", thread=name)
-                self.failed = True
-                self.stop.set()
+                # After the stop, an error is most likely that of a bus which has gone.
+                if not self.stop.is_set():
+                    log.exception("a thread failed", thread=name)
+                    self.failed = True
+                    self.stop.set()
 
         thread = threading.Thread(target=guarded, name=name, daemon=True)
         self._threads.append(thread)

@@ -29,13 +29,14 @@ _PREFIX = struct.Struct("<4sI")
 _ALIGN = 64
 _ARRAY = 1
 _MAX_DIMENSIONS = 5
+_PLACE_LENGTH = 100
 
 M = TypeVar("M", bound=BaseModel)
 
 
 def encode(message: BaseModel) -> bytes:
     """The bytes of a message; each of its arrays is copied once."""
-    parts: list[bytes | NDArray[Any]] = [b"", b""]
+    parts: list[Any] = [b"", b""]
     end = 0
 
     def refer(value: object) -> msgpack.ExtType:
@@ -76,8 +77,9 @@ def decode(model: type[M], data: bytes | bytearray | memoryview) -> M:
         return model.model_validate(fields)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise MalformedMessage(f"not a {model.__name__}: {place}: {first['msg']}") from None
+        # A place may hold a stranger's text: escaped, so that it stays a part of one line of the log.
+        place = ".".join(map(str, first["loc"]))[:_PLACE_LENGTH]
+        raise MalformedMessage(f"not a {model.__name__}: {place!a}: {first['msg']}") from None
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
         raise MalformedMessage(f"not a {model.__name__}: {error}") from None
 

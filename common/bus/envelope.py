@@ -57,11 +57,14 @@ class Envelope(NamedTuple):
             raise MalformedMessage("the sample carries no envelope")
         try:
             schema, sequence, stamp, names, checksum = msgpack.unpackb(attachment)
-            envelope = cls(schema, sequence, stamp, Source(*names), checksum)
+            robot, process, life = names
+            envelope = cls(schema, sequence, stamp, Source(robot, process, life), checksum)
         except (ValueError, TypeError, msgpack.UnpackException):
             raise MalformedMessage("the sample's envelope cannot be read") from None
         numbers = (schema, sequence, stamp, checksum)
-        if not (all(type(n) is int and n >= 0 for n in numbers) and all(type(name) is str for name in names)):
+        if not all(type(n) is int and n >= 0 for n in numbers) or not all(
+            type(name) is str for name in envelope.source
+        ):
             raise MalformedMessage("the sample's envelope cannot be read")
         if envelope.schema != SCHEMA:
             raise MalformedMessage(f"the sample is of schema {envelope.schema}, this process speaks {SCHEMA}")

@@ -19,7 +19,7 @@ from common.bus.envelope import Envelope, Source
 from common.bus.presence import Presence
 from common.bus.statistics import Statistics
 from common.bus.subscription import Subscription
-from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError
+from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError, Unavailable
 from common.messages import Message, now_ns
 from common.topics import Delivery, Priority, Topic
 
@@ -38,6 +38,9 @@ _SWITCH_INTERVAL_S = 0.0005
 """A busy Python thread would hold Zenoh's callbacks back by 5-10 ms at the interpreter's default."""
 
 _REQUESTS_WAITING = 256
+
+_LATER = "later\n"
+"""Before the sentence of a refusal that need not be the last word."""
 
 
 def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: float | None = None) -> zenoh.Config:
@@ -223,6 +226,7 @@ class Bus:
 
         Raises:
             Refused: the answerer's own sentence.
+            Unavailable: likewise, where the same may be asked again later.
             NoRouter: this session has no link to the router now.
             NoAnswer: nobody answered within ``timeout`` seconds.
             MalformedMessage: the answer is none of this topic's.
@@ -243,7 +247,7 @@ class Bus:
             if reply.err is not None:
                 text = reply.err.payload.to_bytes().decode(errors="replace")
                 if text != "Timeout":
-                    raise Refused(text)
+                    raise _refusal(text)
         if not self.connected():
             raise NoRouter(f"no router answers at {self.endpoint}: is the robot up?")
         raise NoAnswer(
@@ -260,6 +264,8 @@ class Bus:
             return
         try:
             reply = wire.encode(handler(question))
+        except Unavailable as error:
+            query.reply_err(_LATER + str(error))
         except RetraverseError as error:
             query.reply_err(str(error))
         except Exception:
@@ -274,5 +280,10 @@ class Bus:
         attachment = None if query.attachment is None else query.attachment.to_bytes()
         source = Envelope.open(attachment, payload).source
         if source.robot != self.robot:
-            raise MalformedMessage(f"the question is of robot '{source.robot}'")
+            raise MalformedMessage(f"the question is of robot {source.robot!a}")
         return wire.decode(topic.message, payload)
+
+
+def _refusal(text: str) -> Refused | Unavailable:
+    """The error that an answerer's refusal stands for."""
+    return Unavailable(text.removeprefix(_LATER)) if text.startswith(_LATER) else Refused(text)

@@ -124,9 +124,9 @@ class Subscription(Generic[M]):
 
     def _check_source(self, source: Source) -> None:
         if source.robot != self._robot:
-            raise MalformedMessage(f"the sample is of robot '{source.robot}'")
+            raise MalformedMessage(f"the sample is of robot {source.robot!a}")
         if self.topic.owners != ("*",) and source.process not in self.topic.owners:
-            raise MalformedMessage(f"'{source.process}' does not own this topic")
+            raise MalformedMessage(f"{source.process!a} does not own this topic")
 
     def _remember(self, identity: tuple[str, Source], sequence: int) -> None:
         self._sequences[identity] = sequence

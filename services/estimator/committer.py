@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import structlog
 
-from common.errors import NoAnswer, Refused
+from common.errors import BusError, Refused
 from common.messages import Commit, Done
 
 log = structlog.get_logger()
@@ -20,7 +20,8 @@ _IDLE_S = 0.2
 class Committer:
     """Sends commits in order, each until it is answered, from a thread of its own.
 
-    A refusal means that the store will never take it, so it is dropped and kept in :attr:`refusal`.
+    A store that is away, or whose disk is full, is asked again; a refusal means that it will never take the commit,
+    which is dropped, and the reason kept in :attr:`refusal`.
     """
 
     def __init__(self, send: Callable[[Commit], Done], stop: threading.Event) -> None:
@@ -58,14 +59,14 @@ class Committer:
         while not self._stop.is_set():
             try:
                 self._send(commit)
-            except NoAnswer as error:
-                if not reported:
-                    log.warning("a commit waits for the map store", reason=str(error))
-                    reported = True
-                self._stop.wait(_RETRY_S)
             except Refused as error:
                 log.error("the map store refused a commit", reason=str(error))  # noqa: TRY400, its sentence says it all
                 self.refusal = str(error)
                 return
+            except BusError as error:
+                if not reported:
+                    log.warning("a commit waits for the map store", reason=str(error))
+                    reported = True
+                self._stop.wait(_RETRY_S)
             else:
                 return

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from common import geometry
 from common.camera import StereoCamera
-from common.geometry import Uncertain
 from services.estimator.chain import ChainSettings, LocalizationChain
 from services.estimator.stereo import (
     FeatureSet,

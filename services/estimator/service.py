@@ -9,7 +9,7 @@ import structlog
 
 from common import messages as m
 from common import topics
-from common.errors import NoAnswer
+from common.errors import BusError
 from common.geometry import Uncertain
 from common.ids import VertexId
 from common.service import Service
@@ -216,7 +216,7 @@ class Estimator:
         """A recorder for a new map, or for one that this process began in an earlier life; None while that is open."""
         try:
             stored: m.MapList = self._service.bus.ask(topics.MAPS, m.GraphQuery(environment=record.environment), _ASK_S)
-        except NoAnswer:
+        except BusError:
             return None
         vertices = next((found.vertices for found in stored.maps if found.record.id == record.id), 0)
         if vertices == 0:

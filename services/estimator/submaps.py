@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import structlog
 
-from common.errors import BusError
+from common.errors import BusError, Refused
 from common.ids import VertexId
 from common.messages import VertexRecord
 
@@ -69,16 +69,25 @@ class SubmapCache(Generic[V]):
             self._wake.clear()
             while (batch := self._next_batch()) and not stop.is_set():
                 try:
-                    records = self._fetch(batch)
+                    self._take(batch, self._fetch(batch))
+                except Refused:
+                    self._take_singly(batch)
                 except BusError as error:
                     log.warning("submaps cannot be fetched", reason=str(error))
                     stop.wait(_RETRY_S)
-                    continue
-                self._take(batch, records)
 
     def _next_batch(self) -> list[VertexId]:
         with self._lock:
             return [v for v in self._wanted if v not in self._kept and v not in self._bad][:_BATCH]
+
+    def _take_singly(self, batch: list[VertexId]) -> None:
+        """One vertex that the store does not know must not keep the others away."""
+        for vertex in batch:
+            try:
+                self._take([vertex], self._fetch([vertex]))
+            except Refused as error:
+                log.warning("a submap is refused", vertex=str(vertex), reason=str(error))
+                self._take([vertex], [])
 
     def _take(self, batch: list[VertexId], records: Sequence[VertexRecord]) -> None:
         found: dict[VertexId, V] = {}

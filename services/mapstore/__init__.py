@@ -1,0 +1,1 @@
+"""The map store: keeps the pose graph on the robot."""

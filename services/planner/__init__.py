@@ -1,0 +1,1 @@
+"""The planner: routes over the pose graph."""

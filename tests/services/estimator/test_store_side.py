@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from common.errors import NoAnswer, Refused
+from common.errors import NoAnswer, NoRouter, Refused, Unavailable
 from common.ids import VertexId, new_map_id
 from common.messages import Commit, Done, Keyframe, VertexRecord
 from services.estimator.committer import Committer
@@ -42,12 +42,13 @@ def until(condition, deadline=5.0):
 
 def test_commits_are_repeated_in_order_until_answered(running):
     start, stop = running
-    calls, outages = [], iter([True, True, False, True, False, False])
+    calls, outages = [], iter([NoAnswer, Unavailable, None, NoRouter, None, None])
 
     def send(commit):
         calls.append(commit.finished)
-        if next(outages):
-            raise NoAnswer("away")
+        outage = next(outages)
+        if outage is not None:
+            raise outage("away")
         return Done()
 
     committer = Committer(send, stop)
@@ -133,3 +134,18 @@ def test_an_unreadable_submap_is_asked_for_once(running):
     cache.want(vertices(3))
     assert cache.get(VertexId(MAP, 1)) is None
     assert asked.count(VertexId(MAP, 1)) == 1
+
+
+def test_a_vertex_that_the_store_does_not_know_keeps_no_other_away(running):
+    start, stop = running
+
+    def fetch(wanted):
+        if VertexId(MAP, 1) in wanted:
+            raise Refused("there is no such vertex")
+        return [stored(v) for v in wanted]
+
+    cache = SubmapCache(fetch, lambda record: record.stamp)
+    start(lambda: cache.run(stop))
+    cache.want(vertices(6))
+    until(lambda: all(cache.get(v) is not None for v in vertices(6) if v.index != 1))
+    assert cache.get(VertexId(MAP, 1)) is None

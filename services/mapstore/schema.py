@@ -1,0 +1,124 @@
+"""The store's tables, and how a store of any older version becomes one of this version.
+
+Version ``n`` is what the first ``n`` entries of :data:`MIGRATIONS` make of an empty file. A released entry is never
+edited: a change is a new entry.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+
+from services.mapstore.errors import StoreError
+
+APPLICATION_ID = 0x56545247
+"""Stands in the file's header ("VTRG"), so that another program's database is not taken for a store."""
+
+Migration = tuple[str, ...]
+
+MIGRATIONS: tuple[Migration, ...] = (
+    (
+        # `vertices`, `bytes` and `length` are totals of the map's vertices and temporal edges, kept by each commit.
+        """
+        CREATE TABLE maps (
+            number INTEGER PRIMARY KEY,
+            id TEXT NOT NULL UNIQUE,
+            environment TEXT NOT NULL,
+            stamp INTEGER NOT NULL,
+            robot TEXT NOT NULL,
+            sensor TEXT NOT NULL,
+            generation INTEGER NOT NULL,
+            parent TEXT,
+            finished INTEGER NOT NULL DEFAULT 0,
+            vertices INTEGER NOT NULL DEFAULT 0,
+            bytes INTEGER NOT NULL DEFAULT 0,
+            length REAL NOT NULL DEFAULT 0
+        )
+        """,
+        """
+        CREATE TABLE vertices (
+            number INTEGER PRIMARY KEY,
+            map INTEGER NOT NULL REFERENCES maps ON DELETE CASCADE,
+            position INTEGER NOT NULL,
+            stamp INTEGER NOT NULL,
+            UNIQUE (map, position)
+        )
+        """,
+        # Apart from the vertices, so that a look at the graph reads no page of a keyframe.
+        """
+        CREATE TABLE keyframes (
+            vertex INTEGER PRIMARY KEY REFERENCES vertices ON DELETE CASCADE,
+            checksum INTEGER NOT NULL,
+            content BLOB NOT NULL
+        )
+        """,
+        """
+        CREATE TABLE edges (
+            a INTEGER NOT NULL REFERENCES vertices ON DELETE CASCADE,
+            b INTEGER NOT NULL REFERENCES vertices ON DELETE CASCADE,
+            spatial INTEGER NOT NULL,
+            T_a_b BLOB NOT NULL,
+            covariance BLOB NOT NULL,
+            PRIMARY KEY (a, b)
+        ) WITHOUT ROWID
+        """,
+        "CREATE INDEX edges_by_b ON edges (b)",
+        """
+        CREATE TABLE places (
+            environment TEXT NOT NULL,
+            name TEXT NOT NULL,
+            vertex INTEGER NOT NULL REFERENCES vertices ON DELETE CASCADE,
+            PRIMARY KEY (environment, name)
+        ) WITHOUT ROWID
+        """,
+        "CREATE INDEX places_by_vertex ON places (vertex)",
+    ),
+)
+
+GRAPH_TABLES = ("maps", "vertices", "edges", "places")
+"""The tables that are checked whenever a store is opened. A keyframe has a checksum, and is checked when it is read."""
+
+
+def migrate(db: sqlite3.Connection, migrations: Sequence[Migration] = MIGRATIONS) -> int:
+    """Brings a store, or an empty file, to the newest version; returns the version that it had.
+
+    Each step is a transaction: after a crash in the middle, the next opening goes on from the last whole step.
+    The connection's foreign keys must be off, so that a step may rebuild a table.
+
+    Raises:
+        StoreError: the store is newer than this program, or the file is another program's database.
+    """
+    found = version = _version(db)
+    if version > len(migrations):
+        raise StoreError(
+            f"the map store is of schema version {version} and this program knows {len(migrations)}: update the program"
+        )
+    while version < len(migrations):
+        db.execute("BEGIN IMMEDIATE")
+        try:
+            # Another process may have taken this step while the lock was awaited.
+            if (version := _version(db)) < len(migrations):
+                for statement in migrations[version]:
+                    db.execute(statement)
+                version += 1
+                db.execute(f"PRAGMA user_version = {version}")
+                db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            db.execute("COMMIT")
+        except sqlite3.Error:
+            if db.in_transaction:
+                db.execute("ROLLBACK")
+            raise
+    return found
+
+
+def _version(db: sqlite3.Connection) -> int:
+    """The version of a store's schema, 0 of an empty file."""
+    application, version, objects = (
+        int(db.execute(question).fetchone()[0])
+        for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")
+    )
+    if objects == 0 and version == 0:
+        return 0
+    if application != APPLICATION_ID:
+        raise StoreError("the map store's file is a database of another program: move it away")
+    return version

@@ -1,0 +1,1 @@
+"""Follows a route: model-predictive control on the path of its vertices."""
