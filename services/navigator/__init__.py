@@ -1,0 +1,1 @@
+"""The navigator: the state machine that takes the operator's commands."""

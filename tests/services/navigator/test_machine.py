@@ -1,0 +1,313 @@
+"""The state machine without a bus: every transition, every refusal, every deadline."""
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.ids import VertexId, new_map_id
+from common.messages import MapRecord, StateName
+from services.navigator.hierarchy import TABLE, diagram
+from services.navigator.machine import Deadlines, MissionRefused, StateMachine
+
+S = StateName
+OLD = VertexId(new_map_id("r1", 0), 3)
+START = VertexId(new_map_id("r1", 0), 0)
+
+
+def make_map(environment: str) -> MapRecord:
+    return MapRecord(
+        id=new_map_id("r1", 1), environment=environment, stamp=1, robot="r1", sensor="stereo", generation=0
+    )
+
+
+@pytest.fixture
+def machine() -> StateMachine:
+    return new_machine()
+
+
+def new_machine() -> StateMachine:
+    return StateMachine("park", None, Deadlines(plan=3, localize=20, paused=100), make_map, now=0.0)
+
+
+def name(machine: StateMachine) -> StateName:
+    return machine.mission.name
+
+
+def branching(machine: StateMachine) -> StateMachine:
+    machine.teach(1.0, "park", None)
+    return machine
+
+
+def planning(machine: StateMachine) -> StateMachine:
+    machine.repeat(1.0, "park", START, "end")
+    return machine
+
+
+def localizing(machine: StateMachine) -> StateMachine:
+    planning(machine).planned(2.0, machine.mission.attempt, "route1", START, "one map")
+    return machine
+
+
+def following(machine: StateMachine) -> StateMachine:
+    localizing(machine).localized(3.0, "route1", START)
+    return machine
+
+
+def joining(machine: StateMachine) -> StateMachine:
+    machine.teach(1.0, "park", OLD)
+    return machine
+
+
+def paused(machine: StateMachine) -> StateMachine:
+    following(machine).pause(4.0)
+    return machine
+
+
+def paused_teach(machine: StateMachine) -> StateMachine:
+    branching(machine).pause(4.0)
+    return machine
+
+
+REACH = {
+    S.IDLE: lambda machine: machine,
+    S.TEACH_METRIC_LOCALIZE: joining,
+    S.TEACH_BRANCH: branching,
+    S.REPEAT_PLAN: planning,
+    S.REPEAT_METRIC_LOCALIZE: localizing,
+    S.REPEAT_FOLLOW: following,
+    S.PAUSED: paused,
+}
+
+
+def test_every_state_can_be_reached():
+    assert set(REACH) == set(StateName)
+    for state, reach in REACH.items():
+        assert name(reach(new_machine())) is state
+
+
+def test_the_first_map_needs_no_localization(machine):
+    machine.teach(1.0, "park", None, "gate")
+    assert name(machine) is S.TEACH_BRANCH
+    assert machine.mission.map is not None
+    assert machine.mission.map.environment == "park"
+    assert machine.mission.start_place == "gate"
+
+
+def test_a_map_that_joins_another_is_taught_once_the_robot_is_localized_at_its_vertex(machine):
+    joining(machine)
+    assert machine.mission.target == OLD
+    assert machine.mission.map is None
+    machine.localized(2.0, "", START)
+    assert name(machine) is S.TEACH_METRIC_LOCALIZE
+    machine.localized(2.0, "route1", OLD)
+    assert name(machine) is S.TEACH_METRIC_LOCALIZE
+    machine.localized(2.0, "", OLD)
+    assert name(machine) is S.TEACH_BRANCH
+    assert machine.mission.map is not None
+
+
+def test_teaching_keeps_the_position_at_the_last_vertex(machine):
+    branching(machine)
+    taught = machine.mission.map
+    machine.made_vertex(VertexId(taught.id, 7))
+    machine.made_vertex(OLD)
+    assert machine.finish(5.0).map == taught
+    assert machine.mission.position == VertexId(taught.id, 7)
+    assert name(machine) is S.IDLE
+    assert machine.mission.map is None
+
+
+def test_a_repeat_goes_through_plan_and_localization_to_its_goal(machine):
+    following(machine)
+    machine.localized(4.0, "route1", OLD)
+    assert machine.mission.position == OLD
+    machine.arrived(5.0, "another")
+    assert name(machine) is S.REPEAT_FOLLOW
+    machine.arrived(5.0, "route1")
+    assert name(machine) is S.IDLE
+    assert machine.mission.reason == "reached end"
+    assert machine.mission.route == ""
+
+
+def test_a_localization_on_another_route_starts_nothing(machine):
+    localizing(machine)
+    machine.localized(3.0, "another", START)
+    machine.localized(3.0, "", START)
+    assert name(machine) is S.REPEAT_METRIC_LOCALIZE
+
+
+def test_the_planners_refusal_ends_in_idle_with_its_words(machine):
+    planning(machine)
+    assert machine.not_planned(2.0, machine.mission.attempt, "no route: there is no place 'moon'")
+    assert name(machine) is S.IDLE
+    assert "moon" in machine.mission.reason
+
+
+def test_an_answer_to_a_cancelled_question_is_ignored(machine):
+    attempt = planning(machine).mission.attempt
+    machine.cancel(2.0)
+    assert not machine.planned(3.0, attempt, "route1", START, "late")
+    again = machine.repeat(4.0, "park", START, "end")
+    assert not machine.planned(5.0, attempt, "route1", START, "late")
+    assert name(machine) is S.REPEAT_PLAN
+    assert machine.planned(6.0, again, "route2", START, "in time")
+
+
+def test_a_plan_that_arrives_during_a_pause_is_kept_and_starts_nothing(machine):
+    attempt = planning(machine).mission.attempt
+    machine.pause(2.0)
+    assert machine.planned(3.0, attempt, "route1", START, "one map")
+    assert name(machine) is S.PAUSED
+    machine.resume(4.0)
+    assert name(machine) is S.REPEAT_METRIC_LOCALIZE
+    assert machine.mission.route == "route1"
+
+
+def test_a_resumed_repeat_is_localized_anew_where_it_was_localized_last(machine):
+    following(machine)
+    machine.localized(4.0, "route1", OLD)
+    machine.lost(5.0, "lost the estimator")
+    assert name(machine) is S.PAUSED
+    assert machine.mission.resumes is S.REPEAT_FOLLOW
+    assert machine.mission.reason == "lost the estimator"
+    machine.localized(5.5, "route1", OLD)
+    assert name(machine) is S.PAUSED
+    machine.resume(6.0)
+    assert name(machine) is S.REPEAT_METRIC_LOCALIZE
+    assert machine.mission.target == OLD
+    machine.localized(7.0, "route1", OLD)
+    assert name(machine) is S.REPEAT_FOLLOW
+    assert machine.mission.resumes is None
+
+
+def test_a_resumed_teach_goes_on_with_the_same_map(machine):
+    taught = paused_teach(machine).mission.map
+    machine.resume(5.0)
+    assert name(machine) is S.TEACH_BRANCH
+    assert machine.mission.map == taught
+
+
+def test_a_resumed_search_for_the_start_of_a_map_goes_on(machine):
+    joining(machine).pause(2.0)
+    machine.resume(3.0)
+    assert name(machine) is S.TEACH_METRIC_LOCALIZE
+    assert machine.mission.target == OLD
+
+
+def test_a_paused_teach_can_be_finished(machine):
+    assert paused_teach(machine).finish(5.0).map is not None
+    assert name(machine) is S.IDLE
+
+
+@pytest.mark.parametrize(
+    ("state", "seconds"),
+    [(S.TEACH_METRIC_LOCALIZE, 20), (S.REPEAT_PLAN, 3), (S.REPEAT_METRIC_LOCALIZE, 20), (S.PAUSED, 100)],
+)
+def test_a_waiting_state_gives_up_at_its_deadline(machine, state, seconds):
+    REACH[state](machine)
+    awaited = machine.mission.waiting_for
+    machine.tick(machine.mission.since + seconds)
+    assert name(machine) is state
+    machine.tick(machine.mission.since + seconds + 0.1)
+    assert name(machine) is S.IDLE
+    assert awaited in machine.mission.reason
+
+
+@pytest.mark.parametrize("state", [S.IDLE, S.TEACH_BRANCH, S.REPEAT_FOLLOW])
+def test_a_state_that_waits_for_nobody_has_no_deadline(machine, state):
+    REACH[state](machine)
+    machine.tick(1e9)
+    assert name(machine) is state
+
+
+COMMANDS = {
+    "teach": lambda machine: machine.teach(9.0, "park", None),
+    "finish": lambda machine: machine.finish(9.0),
+    "repeat": lambda machine: machine.repeat(9.0, "park", START, "end"),
+    "pause": lambda machine: machine.pause(9.0),
+    "resume": lambda machine: machine.resume(9.0),
+    "position": lambda machine: machine.stand_at("park", OLD),
+}
+ALLOWED = {
+    "teach": {S.IDLE},
+    "finish": {S.TEACH_BRANCH},
+    "repeat": {S.IDLE},
+    "pause": {S.TEACH_METRIC_LOCALIZE, S.TEACH_BRANCH, S.REPEAT_PLAN, S.REPEAT_METRIC_LOCALIZE, S.REPEAT_FOLLOW},
+    "resume": {S.PAUSED},
+    "position": {S.IDLE},
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("state", list(StateName))
+def test_a_command_that_does_not_fit_is_refused_in_one_sentence_and_changes_nothing(command, state):
+    machine = REACH[state](new_machine())
+    before = machine.mission
+    if state in ALLOWED[command]:
+        machine.check(command)
+        COMMANDS[command](machine)
+        return
+    for ask in (lambda: machine.check(command), lambda: COMMANDS[command](machine)):
+        with pytest.raises(MissionRefused) as refused:
+            ask()
+        assert re.fullmatch(r"[^\n.]+(\.[A-Z][^\n.]+)?", str(refused.value))
+        assert machine.mission is before
+
+
+def test_a_refusal_names_what_a_pause_holds(machine):
+    with pytest.raises(MissionRefused, match=r"paused in Repeat\.Follow"):
+        paused(machine).teach(9.0, "park", None)
+
+
+def test_the_position_belongs_to_its_environment(machine):
+    machine.stand_at("yard", OLD)
+    assert (machine.mission.environment, machine.mission.position) == ("yard", OLD)
+
+
+def test_the_diagram_shows_every_state_and_every_event():
+    text = diagram()
+    assert text.startswith("stateDiagram-v2")
+    for state in StateName:
+        assert state.value.rpartition(".")[2] in text
+    for row in TABLE:
+        assert row.event in text
+    assert "Repeat_MetricLocalize --> Repeat_Follow: localized" in text
+
+
+EVENTS = {
+    **COMMANDS,
+    "join": lambda machine: machine.teach(9.0, "park", OLD),
+    "cancel": lambda machine: machine.cancel(9.0),
+    "planned": lambda machine: machine.planned(9.0, machine.mission.attempt, "route1", START, "planned"),
+    "stale plan": lambda machine: machine.planned(9.0, 99, "route9", START, "planned"),
+    "not_planned": lambda machine: machine.not_planned(9.0, machine.mission.attempt, "no route"),
+    "localized": lambda machine: machine.localized(9.0, machine.mission.route, machine.mission.target or START),
+    "localized elsewhere": lambda machine: machine.localized(9.0, "route9", START),
+    "made_vertex": lambda machine: machine.made_vertex(OLD),
+    "arrived": lambda machine: machine.arrived(9.0, machine.mission.route),
+    "lost": lambda machine: machine.lost(9.0, "lost the estimator"),
+    "tick": lambda machine: machine.tick(9.0),
+    "much later": lambda machine: machine.tick(1e6),
+}
+
+
+@given(st.lists(st.sampled_from(sorted(EVENTS)), max_size=40))
+def test_whatever_happens_cancel_ends_in_idle_and_only_a_localization_starts_following(events):
+    machine = new_machine()
+    for event in events:
+        before = machine.mission
+        try:
+            EVENTS[event](machine)
+        except MissionRefused:
+            assert machine.mission is before
+        after = machine.mission
+        if after.name is S.REPEAT_FOLLOW and before.name is not S.REPEAT_FOLLOW:
+            assert event == "localized"
+            assert before.name is S.REPEAT_METRIC_LOCALIZE
+        assert (after.map is not None) == (S.TEACH_BRANCH in (after.name, after.resumes))
+        assert (after.resumes is not None) == (after.name is S.PAUSED)
+    machine.cancel(10.0)
+    assert name(machine) is S.IDLE
+    assert machine.mission.map is None

@@ -1,0 +1,270 @@
+"""The navigator as a process, among sessions that act as the other processes."""
+
+import contextlib
+import threading
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.errors import Refused
+from common.geometry import from_xy_yaw
+from common.ids import VertexId, new_map_id
+from common.messages import (
+    Command,
+    Done,
+    Localization,
+    MapList,
+    MapRecord,
+    MapSummary,
+    Odometry,
+    Route,
+    SafetyCommand,
+    SafetyStatus,
+    StateName,
+    TrackerStatus,
+    now_ns,
+)
+from tests.processes import Robot, eventually, every
+
+OLD = MapRecord(id=new_map_id("r1", 0), environment="default", stamp=0, robot="r1", sensor="stereo")
+START, END = VertexId(OLD.id, 0), VertexId(OLD.id, 9)
+S = StateName
+
+
+class Crew:
+    """The processes around the navigator: a store, a planner and an estimator that can be told what to say."""
+
+    def __init__(self, robot: Robot):
+        self.robot = robot
+        self.maps: list[MapSummary] = []
+        self.places: dict[str, VertexId] = {}
+        self.plans = 0
+        self.planner_works = threading.Event()
+        self.planner_works.set()
+        buses = {name: robot.act_as(name) for name in ("sensors", "safety", "mapstore", "planner")}
+        self.safety = buses["safety"].publisher(topics.SAFETY_STATUS)
+        buses["mapstore"].serve(topics.MAPS, lambda _: MapList(maps=self.maps))
+        buses["mapstore"].serve(topics.NAME_PLACE, self.name)
+        buses["planner"].serve(topics.PLAN, self.plan)
+        self.estimator = robot.bus("estimator")
+        self.localizations = self.estimator.publisher(topics.LOCALIZATION)
+        self.odometry = self.estimator.publisher(topics.ODOMETRY)
+        self.status = robot.bus("tracker").publisher(topics.TRACKER_STATUS)
+        self.operator = robot.bus("operator")
+        self.states = self.operator.subscribe(topics.STATE)
+
+    def name(self, question):
+        self.places[question.place] = question.vertex
+        return Done()
+
+    def plan(self, question):
+        self.planner_works.wait()
+        if question.goal == "moon":
+            raise Refused("there is no place 'moon'; the places are: end")
+        self.plans += 1
+        return Route(
+            id=f"route{self.plans}",
+            environment=question.environment,
+            goal=question.goal,
+            vertices=[START, END],
+            path=np.stack([from_xy_yaw(0, 0, 0), from_xy_yaw(5, 0, 0)]),
+            length=5.0,
+            maps=[OLD.id],
+            reason="the only map",
+        )
+
+    def store(self, record, *, finished):
+        self.maps = [MapSummary(record=record, vertices=10, length=5.0, bytes=1, finished=finished)]
+
+    def ask(self, action, **rest):
+        return self.operator.ask(topics.MISSION, Command(action=action, **rest), timeout=10.0).text
+
+    def state(self):
+        received = self.states.last()
+        return None if received is None else received.message
+
+    def until(self, name):
+        def reached():
+            state = self.state()
+            return state if state is not None and state.name is name else None
+
+        return eventually(reached, f"the state is {name}, and not {self.state()}")
+
+    def localize(self, route, trunk=START):
+        self.localizations.put(
+            Localization(
+                stamp=now_ns(), route=route, trunk=trunk, trunk_index=0, T_trunk_robot=np.eye(4), covariance=np.eye(6),
+                success=True, stream="plain", inliers=100, metres_since_success=0, seconds_since_success=0,
+            )
+        )  # fmt: skip
+
+    def move(self, vertex):
+        self.odometry.put(
+            Odometry(
+                stamp=now_ns(), vertex=vertex, T_vertex_robot=np.eye(4), covariance=np.eye(6), twist=np.zeros(6),
+                success=True, inliers=100,
+            )
+        )  # fmt: skip
+
+    def latch(self, *, latched):
+        self.safety.put(SafetyStatus(stamp=now_ns(), passing=False, scale=0, latched=latched, reasons=[]))
+
+    def track(self, route, *, finished=False):
+        self.status.put(
+            TrackerStatus(
+                stamp=now_ns(), route=route, lateral_error=0, heading_error=0, arclength=0, remaining=0, speed_limit=1,
+                finished=finished,
+            )
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def crew(tmp_path_factory):
+    with Robot(tmp_path_factory.mktemp("robot"), "[navigator]\nfinish_s = 1.0\nplan_s = 1.0\ndata_s = 5.0\n") as robot:
+        crew = Crew(robot)
+        robot.start("navigator")
+        eventually(crew.estimator.connected, "the sessions are connected")
+        yield crew
+
+
+@pytest.fixture
+def idle(crew):
+    """The robot in Idle with one stored map, and nothing missing."""
+    for process in ("estimator", "tracker"):
+        if process not in crew.robot._processes or not crew.robot.alive(process):
+            crew.robot.stand_in(process)
+    crew.ask("cancel")
+    crew.store(OLD, finished=True)
+    crew.until(S.IDLE)
+    return crew
+
+
+def follow(crew):
+    """Sends the robot to the end of the stored map and localizes it."""
+    crew.ask("repeat", goal="end", vertex=START)
+    state = crew.until(S.REPEAT_METRIC_LOCALIZE)
+    with every(0.02, lambda: crew.localize(state.route)):
+        return crew.until(S.REPEAT_FOLLOW)
+
+
+def test_a_map_is_taught_finished_and_its_ends_are_named(idle):
+    idle.maps = []
+    idle.ask("teach", start_place="gate")
+    state = idle.until(S.TEACH_BRANCH)
+    with every(0.02, lambda: idle.move(VertexId(state.map.id, 9))):
+        eventually(lambda: idle.state().position == VertexId(state.map.id, 9), "the position follows the vertices")
+    idle.store(state.map, finished=True)
+    assert "10 vertices, 5.0 m" in idle.ask("finish", end_place="shed")
+    assert idle.state().name is S.IDLE
+    assert idle.places == {"gate": VertexId(state.map.id, 0), "shed": VertexId(state.map.id, 9)}
+
+
+def test_a_map_that_does_not_reach_the_store_is_reported(idle):
+    idle.maps = []
+    idle.ask("teach")
+    idle.until(S.TEACH_BRANCH)
+    with pytest.raises(Refused, match="the store has no vertex of map"):
+        idle.ask("finish")
+    assert idle.until(S.IDLE)
+
+
+def test_a_repeat_reaches_its_goal(idle):
+    state = follow(idle)
+    assert (state.goal, state.position) == ("end", START)
+    with every(0.02, lambda: idle.track(state.route, finished=True)):
+        assert idle.until(S.IDLE).reason == "reached end"
+
+
+def test_the_route_is_there_for_whoever_joins_later(idle):
+    state = follow(idle)
+    routes = idle.robot.bus("estimator").subscribe(topics.ROUTE)
+    assert eventually(routes.last, "the route arrives").message.id == state.route
+
+
+@pytest.mark.parametrize("lost", ["estimator", "tracker"])
+def test_a_killed_process_pauses_the_repeat_and_it_can_be_resumed(idle, lost):
+    follow(idle)
+    idle.robot.kill(lost)
+    paused = idle.until(S.PAUSED)
+    assert (paused.reason, paused.resumes) == (f"lost {lost}", S.REPEAT_FOLLOW)
+    with pytest.raises(Refused, match=f"cannot resume without {lost}"):
+        idle.ask("resume")
+    idle.robot.stand_in(lost)
+    idle.ask("resume")
+    assert idle.until(S.REPEAT_METRIC_LOCALIZE).target == START
+
+
+def test_an_emergency_stop_pauses_the_repeat_until_it_is_reset_and_resumed(idle):
+    follow(idle)
+    idle.latch(latched=True)
+    assert "emergency stop" in idle.until(S.PAUSED).reason
+    with pytest.raises(Refused, match="reset it first"):
+        idle.ask("resume")
+    idle.latch(latched=False)
+
+    def resumed():
+        with contextlib.suppress(Refused):  # until the reset has arrived
+            return idle.ask("resume")
+
+    eventually(resumed, "the repeat is resumed")
+    assert idle.until(S.REPEAT_METRIC_LOCALIZE)
+
+
+def test_refusals_say_why_and_change_nothing(idle):
+    idle.robot.kill("estimator")
+    cases = {
+        "there is no place 'moon'": {"action": "repeat", "goal": "moon", "vertex": START},
+        "a repeat needs a goal": {"action": "repeat", "vertex": START},
+        "has no map that could be repeated": {"action": "repeat", "goal": "end"},
+        "no map is being taught": {"action": "finish"},
+        "nothing to pause": {"action": "pause"},
+        "nothing to resume": {"action": "resume"},
+        "has no vertex": {"action": "position", "vertex": VertexId(OLD.id, 99)},
+        "a position is a vertex": {"action": "position"},
+    }
+    with pytest.raises(Refused, match="cannot repeat without estimator: not running"):
+        idle.ask("repeat", goal="end", vertex=START)
+    idle.robot.stand_in("estimator")
+    for sentence, command in cases.items():
+        idle.maps = [] if "no map that" in sentence else idle.maps
+        with pytest.raises(Refused, match=sentence):
+            idle.ask(**command)
+        idle.store(OLD, finished=True)
+        assert idle.until(S.IDLE)
+
+
+def test_a_planner_that_hangs_ends_in_idle_and_the_state_is_published_all_the_while(idle):
+    idle.planner_works.clear()
+    arrived = []
+    try:
+        with (
+            every(0.01, lambda: arrived.extend(filter(None, [idle.states.poll()]))),
+            pytest.raises(Refused, match="nobody answers 'plan'"),
+        ):
+            idle.ask("repeat", goal="end", vertex=START)
+    finally:
+        idle.planner_works.set()
+    assert sum(received.message.name is S.REPEAT_PLAN for received in arrived) >= 5
+    assert "no route to end" in idle.until(S.IDLE).reason
+
+
+def test_a_killed_navigator_comes_back_idle_and_knows_where_the_robot_stands(idle):
+    idle.ask("position", vertex=END)
+    file = idle.robot.folder / "r1" / "run" / "position.json"
+    eventually(lambda: file.exists() and str(END) in file.read_text(), "the position is kept")
+    idle.robot.kill("navigator")
+    idle.robot.start("navigator")
+    state = eventually(lambda: s if (s := idle.state()).reason == "started" else None, "a new navigator's state")
+    assert (state.name, state.position) == (S.IDLE, END)
+
+
+def test_nonsense_changes_nothing(idle):
+    key = topics.MISSION.at("r1")
+    for payload in (b"", b"VTR1", bytes(64), b"\xff" * 200):
+        replies = list(idle.operator.session.get(key, payload=payload, timeout=5.0))
+        assert all(reply.err is not None for reply in replies)
+    with pytest.raises(Refused):
+        idle.operator.ask(topics.MISSION, SafetyCommand(action="stop"))
+    assert idle.until(S.IDLE)
+    assert idle.robot.alive("navigator")
