@@ -49,12 +49,38 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
     return first, second, third
 
 
+def _norm(v: Array) -> Array:
+    return np.asarray(np.sqrt((v * v).sum(-1)))
+
+
+def _exp(phi: Array) -> tuple[Array, Array]:
+    """Rotation matrices (..., 3, 3) and left Jacobians of SO(3) (..., 3, 3) (Barfoot 8.7 and 8.34)."""
+    a, b, c = (coefficient[..., None, None] for coefficient in _coefficients(_norm(phi)))
+    s = skew(phi)
+    s2 = s @ s
+    return np.asarray(_EYE3 + a * s + b * s2), np.asarray(_EYE3 + b * s + c * s2)
+
+
 def so3_exp(phi: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Barfoot 8.7, Rodrigues)."""
-    phi = np.asarray(phi, dtype=np.float64)
-    a, b, _ = _coefficients(np.linalg.norm(phi, axis=-1))
-    s = skew(phi)
-    return np.asarray(np.eye(3) + a[..., None, None] * s + b[..., None, None] * (s @ s))
+    return _exp(np.asarray(phi, dtype=np.float64))[0]
+
+
+def _quaternion_rows() -> Array:
+    """The (9, 16) matrix that takes a rotation's entries to those of ``4 q q^T - I``, q = (w, x, y, z)."""
+    rows = np.zeros((3, 3, 4, 4))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        rows[i, i] = np.diag([1.0, -1.0, -1.0, -1.0])
+        rows[i, i, i + 1, i + 1] = 1.0
+        rows[k, j, 0, i + 1] = rows[k, j, i + 1, 0] = 1.0
+        rows[j, k, 0, i + 1] = rows[j, k, i + 1, 0] = -1.0
+        for a, b in ((i, j), (j, i)):
+            rows[a, b, i + 1, j + 1] = rows[a, b, j + 1, i + 1] = 1.0
+    return rows.reshape(9, 16)
+
+
+_QUATERNION_ROWS = _quaternion_rows()
+_EYE4 = np.eye(4).ravel()
 
 
 def so3_log(rotation: ArrayLike) -> Array:
@@ -63,33 +89,28 @@ def so3_log(rotation: ArrayLike) -> Array:
     Goes through the quaternion of Shepperd's method, which is stable at every angle, pi included.
     """
     r = np.asarray(rotation, dtype=np.float64)
-    diagonal = np.einsum("...ii->...i", r)
-    trace = diagonal.sum(-1)
     # Row k holds 4 * q_k * (w, x, y, z); the row of the largest q_k is divided by its own length.
-    rows = np.empty((*trace.shape, 4, 4))
-    rows[..., 0, 0] = 1.0 + trace
-    for i in range(3):
-        rows[..., i + 1, i + 1] = 1.0 + 2.0 * diagonal[..., i] - trace
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        difference, total = r[..., k, j] - r[..., j, k], r[..., j, i] + r[..., i, j]
-        rows[..., 0, i + 1] = rows[..., i + 1, 0] = difference
-        rows[..., i + 1, j + 1] = rows[..., j + 1, i + 1] = total
+    rows = (r.reshape(*r.shape[:-2], 9) @ _QUATERNION_ROWS + _EYE4).reshape(*r.shape[:-2], 4, 4)
     best = np.argmax(np.einsum("...ii->...i", rows), axis=-1)
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = q / _norm(q)[..., None]
     q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1)
+    sine = _norm(q[..., 1:])
     angle = 2.0 * np.arctan2(sine, q[..., 0])
     tiny = sine < 1e-12
     scale = np.where(tiny, 2.0, angle / np.where(tiny, 1.0, sine))
     return np.asarray(scale[..., None] * q[..., 1:])
 
 
-def _left_jacobian(phi: Array) -> Array:
-    """Left Jacobian of SO(3), (..., 3, 3) (Barfoot 8.34)."""
-    _, b, c = _coefficients(np.linalg.norm(phi, axis=-1))
+def _left_jacobian_inverse(phi: Array) -> Array:
+    """Inverse of the left Jacobian of SO(3), (..., 3, 3), for angles below two pi (Barfoot 8.36)."""
+    angle = _norm(phi)
+    a, b, _ = _coefficients(angle)
+    a2 = angle * angle
+    small = angle < _SMALL_ANGLE
+    square = np.where(small, 1.0 / 12.0 + a2 / 720.0, (1.0 - 0.5 * a / b) / np.where(small, 1.0, a2))
     s = skew(phi)
-    return np.asarray(np.eye(3) + b[..., None, None] * s + c[..., None, None] * (s @ s))
+    return np.asarray(_EYE3 - 0.5 * s + square[..., None, None] * (s @ s))
 
 
 def transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
@@ -103,15 +124,15 @@ def transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
 def exp(xi: ArrayLike) -> Array:
     """Transforms (..., 4, 4) of twists (..., 6) (Barfoot 8.33)."""
     xi = np.asarray(xi, dtype=np.float64)
-    rho, phi = xi[..., :3], xi[..., 3:]
-    return transform(so3_exp(phi), np.einsum("...ij,...j->...i", _left_jacobian(phi), rho))
+    rotation, jacobian = _exp(xi[..., 3:])
+    return transform(rotation, (jacobian @ xi[..., :3, None])[..., 0])
 
 
 def log(T: ArrayLike) -> Array:
     """Twists (..., 6) of transforms (..., 4, 4), inverse of :func:`exp` for angles below pi."""
     T = np.asarray(T, dtype=np.float64)
     phi = so3_log(T[..., :3, :3])
-    rho = np.linalg.solve(_left_jacobian(phi), T[..., :3, 3:])[..., 0]
+    rho = (_left_jacobian_inverse(phi) @ T[..., :3, 3:])[..., 0]
     return np.concatenate([rho, phi], axis=-1)
 
 
@@ -119,7 +140,7 @@ def inverse(T: ArrayLike) -> Array:
     """``T_b_a`` of ``T_a_b``, shapes (..., 4, 4), without a general matrix inversion."""
     T = np.asarray(T, dtype=np.float64)
     rotation = np.swapaxes(T[..., :3, :3], -1, -2)
-    return transform(rotation, -np.einsum("...ij,...j->...i", rotation, T[..., :3, 3]))
+    return transform(rotation, -(rotation @ T[..., :3, 3:])[..., 0])
 
 
 def adjoint(T: ArrayLike) -> Array:

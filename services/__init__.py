@@ -1,0 +1,1 @@
+"""The processes of a robot: a folder each, alike in form."""

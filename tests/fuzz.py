@@ -6,9 +6,11 @@ import random
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
 from common import messages as m
 from common import topics, wire
@@ -37,7 +39,6 @@ def valid_examples() -> dict[Topic, m.Message]:
     vertex, command = VertexId(MAP_ID, 3), m.VelocityCommand(stamp=STAMP, v=0.5, w=-0.1, frame_stamp=STAMP)
     edge = m.EdgeRecord(kind="temporal", a=VertexId(MAP_ID, 2), b=vertex, T_a_b=np.eye(4), covariance=np.eye(6) * 1e-4)
     part = m.GraphQuery(environment="park", map=MAP_ID, vertices=[vertex])
-    pose = {"T_trunk_robot": np.eye(4), "covariance": np.eye(6)}
     return {
         topics.STEREO: m.StereoFrame(stamp=STAMP, camera=_camera(), left=_image(), right=_image()),
         topics.WHEEL_ODOMETRY: m.WheelOdometry(stamp=STAMP, v=1.0, w=0.1),
@@ -47,8 +48,8 @@ def valid_examples() -> dict[Topic, m.Message]:
             success=True, inliers=120,
         ),
         topics.LOCALIZATION: m.Localization(
-            stamp=STAMP, route="r", trunk=vertex, trunk_index=3, **pose, success=True, stream="plain", inliers=80,
-            metres_since_success=0.0, seconds_since_success=0.0,
+            stamp=STAMP, route="r", trunk=vertex, trunk_index=3, T_trunk_robot=np.eye(4), covariance=np.eye(6),
+            success=True, stream="plain", inliers=80, metres_since_success=0.0, seconds_since_success=0.0,
         ),
         topics.COMMIT: m.Commit(map=_map(), vertex=_vertex(vertex), edges=[edge], finished=MAP_ID),
         topics.MAPS: part, topics.TOPOLOGY: part, topics.SUBMAP: part, topics.REMOVE: part,
@@ -221,7 +222,7 @@ def _camera() -> m.CameraModel:
     )
 
 
-def _image() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def _image() -> NDArray[np.uint8]:
     return np.arange(16 * 20 * 3, dtype=np.uint16).astype(np.uint8).reshape(16, 20, 3)
 
 
@@ -230,7 +231,7 @@ def _map() -> m.MapRecord:
 
 
 def _vertex(vertex: VertexId) -> m.VertexRecord:
-    arrays = {"points": np.zeros((5, 3)), "descriptors": np.ones((5, 32), np.uint8)}
+    arrays: dict[str, NDArray[Any]] = {"points": np.zeros((5, 3)), "descriptors": np.ones((5, 32), np.uint8)}
     keyframe = m.Keyframe(pipeline="stereo", camera=_camera(), arrays=arrays, thumbnail=b"jpeg")
     return m.VertexRecord(id=vertex, stamp=STAMP, keyframe=keyframe)
 

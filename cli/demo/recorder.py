@@ -64,18 +64,18 @@ class Recording:
         return {"p50": round(float(p50), 1), "p99": round(float(p99), 1)}
 
     def process_figures(self) -> dict[str, dict[str, Any]]:
-        """CPU (fraction of a core), memory and the longest stage of each process."""
+        """CPU (fraction of a core), memory and the stage that takes most time, of each process."""
         figures = {}
         for name in sorted({row.process for row in self.health}):
             rows = [row for row in self.health if row.process == name]
             stages = rows[-1].stages
-            slowest = max(stages, key=lambda s: stages[s].p50, default="")
+            main = max(stages, key=lambda stage: stages[stage].count * stages[stage].p50, default="")
             figures[name] = {
                 "cpu": round(float(np.mean([row.cpu for row in rows])), 3),
                 "memory_mb": round(rows[-1].memory_mb, 1),
-                "stage": slowest,
-                "p50_ms": stages[slowest].p50 if slowest else 0.0,
-                "p99_ms": stages[slowest].p99 if slowest else 0.0,
+                "stage": main,
+                "p50_ms": stages[main].p50 if main else 0.0,
+                "p99_ms": stages[main].p99 if main else 0.0,
             }
         return figures
 

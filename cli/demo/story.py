@@ -58,20 +58,20 @@ class Story:
 
     def __init__(self, config_path: Path, progress: Progress) -> None:
         self._config = config.load(config_path)
-        self._supervised = Supervised(config_path)
+        self.supervised = Supervised(config_path)
         self._progress = progress
         self._connection = client.connect(self._config)
-        self._bus: Bus
+        self.bus: Bus
 
     def __enter__(self) -> Self:
         self._progress("starting the robot's processes", 0.0)
-        self._supervised.start()
+        self.supervised.start()
         try:
-            self._supervised.wait_ready(on_change=lambda present: self._progress("starting", len(present) / 8))
-            self._bus = self._connection.__enter__()
+            self.supervised.wait_ready(on_change=lambda present: self._progress("starting", len(present) / 8))
+            self.bus = self._connection.__enter__()
             self._await_data()
         except BaseException:
-            self._supervised.stop()
+            self.supervised.stop()
             raise
         return self
 
@@ -79,7 +79,7 @@ class Story:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._connection.__exit__(kind, error, trace)
-        self._supervised.stop()
+        self.supervised.stop()
 
     def route(self) -> Array:
         """The path (N, 3) of x, y, yaw that the human wants to teach."""
@@ -88,19 +88,19 @@ class Story:
 
     def teach(self, route: Array, driver_settings: DriverSettings) -> tuple[str, Recording]:
         """Drives the route by hand while the robot learns it; returns the map's id and what was recorded."""
-        recorder = Recorder(self._bus)
+        recorder = Recorder(self.bus)
         self._await(lambda: recorder.truth() is not None, "the world's truth", 10.0)
         self._command(Command(action="teach", start_place="start"))
         self._drive(Driver(route, driver_settings), recorder)
         # The store answers once the last vertex is on disk.
         self._command(Command(action="finish", end_place="end"), timeout=30.0)
-        maps: MapList = self._bus.ask(topics.MAPS, GraphQuery(environment=self._config.robot.environment))
+        maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(environment=self._config.robot.environment))
         return maps.maps[-1].record.id, recorder.stop()
 
     def repeat(self, map_id: str, start: Array, offset: Offset, timeout: float) -> Recording:
         """Puts the robot beside the start pose (4, 4) of the taught path and lets it drive to the path's end."""
         self._put_down(start, offset)
-        recorder = Recorder(self._bus)
+        recorder = Recorder(self.bus)
         self._command(Command(action="repeat", goal="end", vertex=VertexId(map_id, 0)), timeout=10.0)
         length = self._length_of(map_id)
         end = time.monotonic() + timeout
@@ -114,7 +114,7 @@ class Story:
         return recorder.stop()
 
     def _drive(self, driver: Driver, recorder: Recorder) -> None:
-        teleop = self._bus.publisher(topics.TELEOP)
+        teleop = self.bus.publisher(topics.TELEOP)
         due = time.monotonic()
         while True:
             truth = recorder.truth()
@@ -136,20 +136,20 @@ class Story:
         left = start[:2, 1]
         x, y = start[:2, 3] + offset.lateral_m * left
         yaw = float(np.arctan2(start[1, 0], start[0, 0]) + np.radians(offset.heading_deg))
-        self._bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=yaw))
+        self.bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=yaw))
         time.sleep(_SETTLE_S)
 
     def _length_of(self, map_id: str) -> float:
-        maps: MapList = self._bus.ask(topics.MAPS, GraphQuery(map=map_id))
+        maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(map=map_id))
         return max(maps.maps[0].length, 1.0)
 
     def _command(self, command: Command, timeout: float = 5.0) -> Done:
-        answer: Done = self._bus.ask(topics.MISSION, command, timeout=timeout)
+        answer: Done = self.bus.ask(topics.MISSION, command, timeout=timeout)
         return answer
 
     def _await_data(self) -> None:
         """Waits until the camera sees and the estimator measures."""
-        odometry = self._bus.subscribe(topics.ODOMETRY)
+        odometry = self.bus.subscribe(topics.ODOMETRY)
         self._await(lambda: (last := odometry.last()) is not None and last.message.success, "odometry", _READY_S)
 
     def _await(self, condition: Callable[[], bool], what: str, deadline: float) -> None:

@@ -258,12 +258,18 @@ class _Repeat:
         return self._localizer.localize(self._teach.vertices[self._chain.trunk], result.frame, prior)
 
     def _by_search(self, result: OdometryResult) -> LocalizationResult:
-        """Try every vertex of the route; the one with the most inliers counts."""
-        tried = [self._localizer.localize_without_prior(vertex, result.frame) for vertex in self._teach.vertices]
-        best = max(range(len(tried)), key=lambda i: (tried[i].success, tried[i].inliers))
-        if tried[best].success:
-            self._chain.start(best)
-        return tried[best]
+        """Try the vertices from the start of the route on, and take the best of the first that succeed in a row."""
+        best, best_index = None, 0
+        for index, vertex in enumerate(self._teach.vertices):
+            tried = self._localizer.localize_without_prior(vertex, result.frame)
+            if best is None or (tried.success, tried.inliers) > (best.success, best.inliers):
+                best, best_index = tried, index
+            elif best.success and not tried.success:
+                break
+        assert best is not None  # noqa: S101 - a route has a vertex
+        if best.success:
+            self._chain.start(best_index)
+        return best
 
 
 def _chain_settings(path: Array) -> ChainSettings:

@@ -80,7 +80,7 @@ class RuleSettings:
     """
 
     command_age: float = 0.25
-    state_age: float = 1.0
+    state_age: float = 0.5
     odometry_age: float = 0.5
     localization_age: float = 0.5
     dead_mans_switch: bool = False

@@ -196,7 +196,7 @@ def test_a_question_is_answered_or_refused_with_the_answerers_sentence(connect):
             return None
 
     assert eventually(answered, "the question is answered").text == "gate"
-    with pytest.raises(Refused, match="^there is no place 'nowhere'$"):
+    with pytest.raises(Refused, match=r"^there is no place 'nowhere'$"):
         ask("nowhere")
     with pytest.raises(Refused, match="navigator could not answer 'mission/command'"):
         ask("bug")
@@ -326,7 +326,7 @@ def test_a_frozen_router_is_noticed(tmp_path):
 
 
 def test_without_a_router_a_session_that_does_not_wait_says_so():
-    with pytest.raises(NoRouter, match="no router answers at tcp/127.0.0.1") as caught:
+    with pytest.raises(NoRouter, match=r"no router answers at tcp/127\.0\.0\.1") as caught:
         Bus("r1", "operator", f"tcp/127.0.0.1:{free_port()}", timeout=0.2)
     assert "\n" not in str(caught.value)
 

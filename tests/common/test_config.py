@@ -107,7 +107,7 @@ def test_a_value_out_of_range_is_said_with_the_value(load):
             if not 0 < self.speed <= 3:
                 raise ValueError("a speed is above 0 and at most 3 m/s")
 
-    with pytest.raises(ConfigurationError, match="'tracker': .*above 0 and at most 3 m/s"):
+    with pytest.raises(ConfigurationError, match=r"'tracker': .*above 0 and at most 3 m/s"):
         load(ROBOT + "[tracker]\nspeed = 9\n", kind=Ranged)
 
 

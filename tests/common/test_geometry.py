@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
-from scipy.spatial.transform import Rotation, RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from common import geometry as se3
 from common.geometry import Uncertain
@@ -162,9 +162,9 @@ def test_composition_and_inverse_carry_the_covariance_that_monte_carlo_finds():
 def test_certain_transforms_compose_exactly():
     T = se3.exp([1, 2, 3, 0.1, 0.2, 0.3])
     a = Uncertain.exactly(T)
-    assert (a @ a.inverse()).T == pytest.approx(np.eye(4))
+    assert pytest.approx(np.eye(4)) == (a @ a.inverse()).T
     assert not (a @ a).covariance.any()
-    assert (Uncertain.identity() @ a).T == pytest.approx(T)
+    assert pytest.approx(T) == (Uncertain.identity() @ a).T
 
 
 def test_mahalanobis_distance_follows_chi_squared():

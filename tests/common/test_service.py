@@ -57,18 +57,28 @@ def test_a_signal_ends_a_service_cleanly(start, number):
     assert "robot=r1 process=sensors" in errors
 
 
+READY = "print('ready', flush=True)\n"
+
+
 @pytest.mark.parametrize(
     "deaf",
     [
-        "while True: time.sleep(60)",
-        "while True: pass",
-        "import subprocess, ctypes; ctypes.CDLL(None).sigsuspend and ctypes.CDLL(None).pause(); ctypes.CDLL(None).sleep(60)",
-        "import re; threading.Lock().__enter__(); lock = threading.Lock(); lock.acquire(); lock.acquire()",
+        READY + "while True: time.sleep(60)",
+        READY + "while True: pass",
+        READY + "lock = threading.Lock(); lock.acquire(); lock.acquire()",
+        # It is ready when another thread finds the main thread at the lock, where no handler of Python's can run.
+        """
+        import ctypes
+        lock, mutex = ctypes.CDLL(None).pthread_mutex_lock, bytes(64)
+        lock(mutex)
+        threading.Timer(0.5, lambda: print("ready", flush=True)).start()
+        lock(mutex)
+        """,
     ],
-    ids=["sleeps", "computes", "native code", "locked"],
+    ids=["sleeps", "computes", "locked", "native code"],
 )
 def test_a_service_that_does_not_listen_is_ended_by_force_within_two_seconds(start, deaf):
-    process = start(f"print('ready', flush=True)\n{deaf}")
+    process = start(deaf)
     ready(process)
     process.send_signal(signal.SIGTERM)
     code = process.wait(timeout=2.0)
@@ -114,12 +124,18 @@ def test_a_thread_that_works_on_after_the_stop_spoils_nothing(start):
 
 
 def test_a_child_dies_with_its_killed_parent(robot):
-    child = "from common.service import run; run('sensors', lambda service: (print('ready', flush=True), service.stop.wait()))"
-    script = (
-        "import subprocess, sys\n"
-        f"child = subprocess.Popen([sys.executable, '-c', {child!r}, '--config', {str(robot.config)!r}], stdout=subprocess.PIPE)\n"
-        "child.stdout.readline()\nprint(child.pid, flush=True)\nchild.wait()\n"
-    )
+    child = """
+from common.service import run
+run("sensors", lambda service: (print("ready", flush=True), service.stop.wait()))
+"""
+    script = f"""
+import subprocess, sys
+command = [sys.executable, "-c", {child!r}, "--config", {str(robot.config)!r}]
+child = subprocess.Popen(command, stdout=subprocess.PIPE)
+child.stdout.readline()
+print(child.pid, flush=True)
+child.wait()
+"""
     with subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())

@@ -85,7 +85,7 @@ def test_arrays_are_read_only_views_as_aligned_as_their_message():
 @every_message
 def test_a_truncated_message_is_malformed(model):
     data = wire.encode(EXAMPLES[model])
-    cuts = range(len(data)) if len(data) < 400 else sorted(random.Random(1).sample(range(len(data)), 400))
+    cuts = range(0, len(data), 1 + len(data) // 400)
     end = 8 + int.from_bytes(data[4:8], "little")
     for cut in cuts:
         try:
@@ -97,7 +97,7 @@ def test_a_truncated_message_is_malformed(model):
 
 @every_message
 def test_mutated_and_hostile_bytes_are_malformed_or_a_message_and_nothing_else(model):
-    rng = random.Random(model.__name__)
+    rng = random.Random(model.__name__)  # noqa: S311, reproducible, not secret
     data = wire.encode(EXAMPLES[model])
     for _ in range(1500):
         for hostile in (fuzz.mutated(data, rng), fuzz.hostile_header(rng), rng.randbytes(rng.randrange(100))):

@@ -62,7 +62,7 @@ OBJECTIONS = [
     ({"rearming": True}, Cause.REARMING),
     ({"state": None}, Cause.STATE_UNKNOWN),
     ({"state_age": None}, Cause.STATE_UNKNOWN),
-    ({"state_age": 1.01}, Cause.STATE_UNKNOWN),
+    ({"state_age": 0.51}, Cause.STATE_UNKNOWN),
     ({"state": "idle"}, Cause.STATE_FORBIDS),
     ({"state": "paused"}, Cause.STATE_FORBIDS),
     ({"state": "repeat.plan"}, Cause.STATE_FORBIDS),
@@ -116,7 +116,7 @@ BOUNDARIES = [
     {"odometry_age": 0.5},
     {"localization_age": 0.5},
     {"path_offset": -0.8},
-    {"state_age": 1.0},
+    {"state_age": 0.5},
 ]
 
 

@@ -1,0 +1,39 @@
+"""The stereo pipeline: VT&R3's five stages, one module each, as a library of arrays.
+
+``preprocessing`` -> ``odometry`` -> ``mapping`` -> ``vertex_creation``, and ``localization`` against what was mapped.
+Nothing here knows what an image stands for: the same pipeline runs on plain images and on any transform of them.
+"""
+
+from services.estimator.stereo.features import FeatureError, FeatureSet, StereoFrame
+from services.estimator.stereo.localization import (
+    LocalizationResult,
+    StereoLocalizer,
+    in_camera_frames,
+    in_vehicle_frames,
+)
+from services.estimator.stereo.mapping import join, local_map, move
+from services.estimator.stereo.odometry import OdometryResult, StereoOdometry
+from services.estimator.stereo.preprocessing import ImageError, preprocess
+from services.estimator.stereo.settings import StereoSettings
+from services.estimator.stereo.vertex_creation import should_create
+from services.estimator.stereo.warm_up import warm_up
+
+__all__ = [
+    "FeatureError",
+    "FeatureSet",
+    "ImageError",
+    "LocalizationResult",
+    "OdometryResult",
+    "StereoFrame",
+    "StereoLocalizer",
+    "StereoOdometry",
+    "StereoSettings",
+    "in_camera_frames",
+    "in_vehicle_frames",
+    "join",
+    "local_map",
+    "move",
+    "preprocess",
+    "should_create",
+    "warm_up",
+]

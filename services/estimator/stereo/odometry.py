@@ -1,0 +1,293 @@
+"""Second stage, odometry: the live frame's motion against the last keyframe.
+
+One keyframe serves as long as enough of it is seen: errors then add up per keyframe, not per frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common import geometry
+from common.camera import StereoCamera
+from common.geometry import Uncertain
+from services.estimator.stereo import matching, model, solver
+from services.estimator.stereo.features import StereoFrame
+from services.estimator.stereo.preprocessing import preprocess
+from services.estimator.stereo.rectification import Rectification, triangulate
+from services.estimator.stereo.settings import OdometrySettings, StereoSettings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryResult:
+    """What odometry says about one stereo pair. All transforms are between left optical frames.
+
+    Attributes:
+        stamp_ns: of the pair.
+        success: whether the motion was measured; if not, every transform is the prior's, its covariance grown.
+        reason: why not, in one sentence; empty on success.
+        T_odom_live: (4, 4), live pair in the frame of the first.
+        T_previous_live: motion since the pair processed before, with covariance.
+        T_keyframe_live: motion since the keyframe that was matched, with covariance.
+        is_keyframe: whether later pairs are matched against this one.
+        matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
+        rms: root mean square error of the inliers in the left image, pixels.
+        frame: the preprocessed pair, for mapping and localization.
+        milliseconds: time spent, by stage: "features", "match", "solve".
+    """
+
+    stamp_ns: int
+    success: bool
+    reason: str
+    T_odom_live: Array
+    T_previous_live: Uncertain
+    T_keyframe_live: Uncertain
+    is_keyframe: bool
+    matches: int
+    inliers: int
+    rms: float
+    frame: StereoFrame
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Motion:
+    """What odometry remembers of the last pair."""
+
+    stamp_ns: int
+    T_keyframe_last: Uncertain
+    velocity: Uncertain | None
+    """Twist per second as a transform ``exp(xi)``, None until a motion was measured."""
+
+
+class StereoOdometry:
+    """Odometry of one stream of stereo pairs; :meth:`process` takes them in order.
+
+    The pose is that of the left camera. An instance holds one stream's state and belongs to one thread.
+    """
+
+    def __init__(self, camera: StereoCamera, settings: StereoSettings | None = None) -> None:
+        self.camera = camera
+        self.settings = settings or StereoSettings()
+        self._intrinsics = model.intrinsics(camera)
+        self._keyframe: StereoFrame | None = None
+        self._T_odom_keyframe: Array = np.eye(4)
+        self._motion: _Motion | None = None
+        self._rectification = Rectification.unknown(self.settings.noise)
+        self._first_sigma = np.inf
+        self._failures = 0
+
+    def reset(self) -> None:
+        """Forget keyframe, motion and pose: the next pair is the first."""
+        self._keyframe, self._motion, self._failures, self._first_sigma = None, None, 0, np.inf
+        self._T_odom_keyframe = np.eye(4)
+
+    def process(
+        self, left: NDArray[Any], right: NDArray[Any], stamp_ns: int, prior: Uncertain | None = None
+    ) -> OdometryResult:
+        """Motion of the camera up to this pair of images.
+
+        ``prior`` is ``T_previous_live`` between optical frames, from wheel odometry, say; without it the camera is
+        expected to move on as it did. What cannot be measured (no texture, no agreement) is a result without success.
+
+        Raises:
+            ImageError: an image has another type or size than the camera's.
+        """
+        begin = perf_counter()
+        frame = preprocess(left, right, stamp_ns, self.camera, self.settings, self._rectification)
+        return self.process_frame(frame, prior, features_ms=1e3 * (perf_counter() - begin))
+
+    def process_frame(
+        self, frame: StereoFrame, prior: Uncertain | None = None, *, features_ms: float = 0.0
+    ) -> OdometryResult:
+        """As :meth:`process`, for a pair that is preprocessed already."""
+        times = {"features": features_ms, "match": 0.0, "solve": 0.0}
+        if self._keyframe is None or self._motion is None:
+            return self._start(frame, times)
+        motion = self._motion
+        seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
+        step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
+        T_keyframe_live = motion.T_keyframe_last @ step
+        solution, matches = self._measure(frame, T_keyframe_live, times)
+        if solution is None and prior is None:
+            wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
+            solution, matches = self._measure(frame, motion.T_keyframe_last @ wide, times)
+        return self._conclude(frame, motion, seconds, T_keyframe_live, solution, matches, times)
+
+    def _measure(
+        self, frame: StereoFrame, T_keyframe_live: Uncertain, times: dict[str, float]
+    ) -> tuple[solver.Solution | None, int]:
+        """Match the keyframe's landmarks and solve; None where too few agree."""
+        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
+        s, landmarks = self.settings.odometry, self._keyframe.features
+        begin = perf_counter()
+        prior = T_keyframe_live.inverse()
+        found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
+        middle = perf_counter()
+        chosen = landmarks.landmarks[found.landmarks], landmarks.covariances[found.landmarks]
+        solution = solver.solve(
+            model.as_uvd(*chosen, self._intrinsics),
+            (found.uvd, found.noise),
+            prior.T,
+            self._intrinsics,
+            s.matching,
+            prior,
+            self._rectification.covariance,
+        )
+        times["match"] += 1e3 * (middle - begin)
+        times["solve"] += 1e3 * (perf_counter() - middle)
+        matches = len(found.landmarks)
+        if solution is not None and (
+            solution.inliers.sum() < s.min_inliers or solution.inliers.sum() < s.min_inlier_ratio * matches
+        ):
+            solution = None
+        return solution, matches
+
+    def _start(self, frame: StereoFrame, times: dict[str, float]) -> OdometryResult:
+        """The first pair: nothing to compare it with."""
+        enough = len(frame.features) >= self.settings.odometry.min_inliers
+        if enough:
+            self._keyframe = frame
+            self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None)
+        return OdometryResult(
+            stamp_ns=frame.stamp_ns,
+            success=enough,
+            reason="" if enough else f"the images show only {len(frame.features)} features",
+            T_odom_live=self._T_odom_keyframe.copy(),
+            T_previous_live=Uncertain.identity(),
+            T_keyframe_live=Uncertain.identity(),
+            is_keyframe=enough,
+            matches=0,
+            inliers=0,
+            rms=0.0,
+            frame=frame,
+            milliseconds=times,
+        )
+
+    def _conclude(
+        self,
+        frame: StereoFrame,
+        motion: _Motion,
+        seconds: float,
+        predicted: Uncertain,
+        solution: solver.Solution | None,
+        matches: int,
+        times: dict[str, float],
+    ) -> OdometryResult:
+        """Take over what was measured, or the prior where nothing was."""
+        s = self.settings.odometry
+        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
+        success = solution is not None
+        inliers = int(solution.inliers.sum()) if solution else 0
+        T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
+        T_previous_live = Uncertain(
+            geometry.inverse(motion.T_keyframe_last.T) @ T_keyframe_live.T,
+            _moved(T_keyframe_live.covariance, geometry.inverse(motion.T_keyframe_last.T)),
+        )
+        self._failures = 0 if success else self._failures + 1
+        velocity = _velocity(T_previous_live, seconds) if success else motion.velocity
+        reason = "" if success else self._why_not(frame, matches)
+        T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
+        if success and not np.isfinite(self._first_sigma):
+            self._first_sigma = _position_sigma(T_keyframe_live)
+        is_keyframe = self._is_keyframe_due(frame, T_keyframe_live, inliers, success=success)
+        result = OdometryResult(
+            stamp_ns=frame.stamp_ns,
+            success=success,
+            reason=reason,
+            T_odom_live=T_odom_live,
+            T_previous_live=T_previous_live,
+            T_keyframe_live=T_keyframe_live,
+            is_keyframe=is_keyframe,
+            matches=matches,
+            inliers=inliers,
+            rms=solution.rms if solution else 0.0,
+            frame=frame,
+            milliseconds=times,
+        )
+        last = T_keyframe_live
+        if is_keyframe:
+            if solution is not None:
+                # Once per keyframe: further pairs against the same one repeat its errors, which must not count again.
+                self._rectification = self._rectification.updated(
+                    solution.rectification, solution.rectification_covariance, self.settings.noise
+                )
+            self._keyframe, self._T_odom_keyframe = self._corrected(frame), geometry.normalize(T_odom_live)
+            self._failures, self._first_sigma, last = 0, np.inf, Uncertain.identity()
+        self._motion = _Motion(frame.stamp_ns, last, velocity if self._failures < s.max_failures else None)
+        return result
+
+    def _corrected(self, frame: StereoFrame) -> StereoFrame:
+        """The pair with its landmarks by the latest estimate of the rectification."""
+        return replace(
+            frame,
+            features=triangulate(
+                frame.features,
+                self.camera,
+                self.settings.noise,
+                self._rectification,
+                self.settings.preprocessing.min_disparity,
+            ),
+        )
+
+    def _why_not(self, frame: StereoFrame, matches: int) -> str:
+        """One sentence for a failure."""
+        needed = self.settings.odometry.min_inliers
+        if len(frame.features) < needed:
+            return f"the images show only {len(frame.features)} features"
+        if matches < needed:
+            return f"only {matches} landmarks of the keyframe were found again"
+        return f"the {matches} matched landmarks do not agree on a motion"
+
+    def _is_keyframe_due(self, frame: StereoFrame, T_keyframe_live: Uncertain, inliers: int, *, success: bool) -> bool:
+        """Whether the live frame replaces the keyframe."""
+        s = self.settings.odometry
+        if len(frame.features) < s.min_inliers:
+            return False
+        if not success:
+            return self._failures >= s.max_failures
+        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
+        return bool(
+            inliers < s.keyframe_inliers
+            or inliers < s.keyframe_overlap * len(self._keyframe.features)
+            or np.linalg.norm(T_keyframe_live.T[:3, 3]) > s.keyframe_distance
+            or geometry.rotation_angle(T_keyframe_live.T) > s.keyframe_rotation
+            or _position_sigma(T_keyframe_live) > s.keyframe_growth * self._first_sigma
+        )
+
+
+def _position_sigma(T: Uncertain) -> float:
+    """Largest standard deviation of the position, metres."""
+    return float(np.sqrt(np.linalg.eigvalsh(T.covariance[:3, :3])[-1]))
+
+
+def _moved(covariance: Array, T: Array) -> Array:
+    """A left perturbation's covariance (6, 6) seen from the frame that ``T`` takes it to."""
+    Ad = geometry.adjoint(T)
+    return np.asarray(Ad @ covariance @ Ad.T)
+
+
+def _velocity(T_previous_live: Uncertain, seconds: float) -> Uncertain:
+    """Twist per second with covariance, as a transform."""
+    twist = geometry.log(T_previous_live.T) / seconds
+    return Uncertain(geometry.exp(twist), T_previous_live.covariance / seconds**2)
+
+
+def _constant_velocity(motion: _Motion, seconds: float, settings: OdometrySettings) -> Uncertain:
+    """``T_previous_live`` of a camera that moves on as it did, or, before any motion, stands with a wide covariance."""
+    if motion.velocity is None:
+        return Uncertain(np.eye(4), _start_covariance(seconds, settings))
+    change = np.repeat([settings.acceleration, settings.angular_acceleration], 3) * seconds**2
+    covariance = motion.velocity.covariance * seconds**2 + np.diag(change**2)
+    return Uncertain(geometry.exp(geometry.log(motion.velocity.T) * seconds), covariance)
+
+
+def _start_covariance(seconds: float, settings: OdometrySettings) -> Array:
+    """Covariance (6, 6) of a motion of which only the vehicle's speed and turn rate are bounded."""
+    return np.diag((np.repeat([settings.start_speed, settings.start_turn_rate], 3) * seconds) ** 2)

@@ -1,0 +1,200 @@
+"""Everything that can be set in the stereo pipeline, with its unit. The defaults suit 0.25 to 1.5 megapixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseSettings:
+    """Standard deviations of what the images measure.
+
+    Attributes:
+        pixel: of a feature's place in the left image after refinement, pixels, along each axis.
+        disparity: of the disparity after refinement, pixels. A landmark's depth error follows from it: it grows with
+            the square of the depth.
+        landmark_pixel: of a stored feature's place, pixels: its patch is what defines the place, so little is left.
+        disparity_offset: error of the calibration's disparities that all features share, pixels.
+        disparity_curvature: and the part of it that grows with the square of the distance from the image's middle,
+            pixels per unit of ``((u - cx) / fx)^2``.
+        rectification_walk: change of the two from keyframe to keyframe, as a part of the two.
+        detection: of a detected corner about the place where the landmark truly projects, pixels; widens the search
+            before refinement.
+        parallax: error of a refined place per unit of relative change of depth between the two views, pixels: a patch
+            seen from nearer or farther is not the same patch.
+    """
+
+    pixel: float = 0.25
+    disparity: float = 0.25
+    landmark_pixel: float = 0.1
+    disparity_offset: float = 0.4
+    disparity_curvature: float = 1.0
+    rectification_walk: float = 0.02
+    detection: float = 1.0
+    parallax: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class PreprocessingSettings:
+    """From images to features.
+
+    Attributes:
+        fast_threshold: contrast of a FAST corner, grey levels.
+        cell: side of the square cells over which features are spread, pixels.
+        max_features: most corners of the left image that are matched, and so most features of a frame.
+        max_disparity: largest disparity searched for, pixels.
+        min_disparity: smallest disparity kept, pixels: nearer to zero depth is unbounded.
+        row_tolerance: largest vertical offset of a correspondence, pixels, which allows for imperfect rectification.
+        min_correlation: least zero-mean normalised cross-correlation of the patches of a stereo correspondence.
+        uniqueness: the best correspondence's ``1 - correlation`` must be below this part of the second best's.
+    """
+
+    fast_threshold: int = 10
+    cell: int = 40
+    max_features: int = 1200
+    max_disparity: float = 160.0
+    min_disparity: float = 0.7
+    row_tolerance: float = 1.5
+    min_correlation: float = 0.85
+    uniqueness: float = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class MatchingSettings:
+    """Active search, sub-pixel refinement, consensus and the solve, as odometry and localization share them.
+
+    Attributes:
+        gate: a feature is a candidate within this many standard deviations of the predicted measurement.
+        max_radius: largest half side of a search region, pixels.
+        max_hamming: most differing bits, of 256, of two descriptors that match.
+        ratio: the best candidate's distance must be below this part of the second best's.
+        refine_iterations: most steps of the sub-pixel alignment.
+        max_refine_shift: a patch that moves farther than this from its corner has not converged, pixels.
+        min_correlation: least correlation of a refined patch with the landmark's.
+        ransac_iterations: most minimal samples drawn.
+        inlier_gate: largest standardised error of an inlier, in standard deviations of its stereo measurement.
+        solver_iterations: most steps of the robust solve.
+        robust_scale: standardised error at which Geman-McClure's weight has fallen to a quarter.
+        max_matches: most matches that are refined and solved for; the nearest landmarks are preferred.
+    """
+
+    gate: float = 3.5
+    max_radius: float = 150.0
+    max_hamming: int = 70
+    ratio: float = 0.85
+    refine_iterations: int = 10
+    max_refine_shift: float = 2.5
+    min_correlation: float = 0.75
+    ransac_iterations: int = 100
+    inlier_gate: float = 4.0
+    solver_iterations: int = 12
+    robust_scale: float = 3.0
+    max_matches: int = 500
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySettings:
+    """Motion prior, keyframes and what counts as success.
+
+    Attributes:
+        matching: search, refinement and solve.
+        acceleration: standard deviation of the vehicle's acceleration, m/s^2, for the constant-velocity prior.
+        angular_acceleration: likewise of its turn, rad/s^2.
+        start_speed: standard deviation of the speed before any motion is known, m/s.
+        start_turn_rate: likewise of the turn rate, rad/s.
+        min_inliers: fewer is a failure.
+        min_inlier_ratio: least part of the matches that agree.
+        keyframe_inliers: below this many inliers the live frame becomes the keyframe.
+        keyframe_overlap: and below this part of the keyframe's landmarks found again.
+        keyframe_distance: and beyond this distance from the keyframe, metres.
+        keyframe_rotation: and beyond this rotation, radians.
+        keyframe_growth: and when the standard deviation of the position has grown by this factor since the first pair
+            that was matched against it.
+        max_failures: after as many failures in a row the live frame becomes the keyframe, its motion unmeasured.
+    """
+
+    matching: MatchingSettings = field(default_factory=MatchingSettings)
+    acceleration: float = 6.0
+    angular_acceleration: float = 5.0
+    start_speed: float = 12.0
+    start_turn_rate: float = 0.6
+    min_inliers: int = 15
+    min_inlier_ratio: float = 0.3
+    keyframe_inliers: int = 60
+    keyframe_overlap: float = 0.2
+    keyframe_distance: float = 3.0
+    keyframe_rotation: float = 0.2
+    keyframe_growth: float = 3.0
+    max_failures: int = 5
+
+
+@dataclass(frozen=True, slots=True)
+class MappingSettings:
+    """Local maps.
+
+    Attributes:
+        max_landmarks: most landmarks of a vertex, which bounds what it takes on disk (about 0.25 kB each).
+    """
+
+    max_landmarks: int = 600
+
+
+@dataclass(frozen=True, slots=True)
+class VertexCreationSettings:
+    """When a new vertex is made.
+
+    Attributes:
+        distance: from the last vertex, metres.
+        rotation: from the last vertex, radians.
+        min_inliers: below this many odometry inliers a vertex is made earlier, at a quarter of the distance.
+    """
+
+    distance: float = 0.4
+    rotation: float = 0.175
+    min_inliers: int = 40
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizationSettings:
+    """Localisation against a map.
+
+    Attributes:
+        matching: search, refinement and solve.
+        min_inliers: fewer is a failure.
+        min_inlier_ratio: least part of the refined matches that agree.
+        min_spread: least standard deviation of the inliers' places, as a part of the image's width.
+        max_position_sigma: largest standard deviation of the position, metres, along the worst axis.
+        max_rotation_sigma: largest standard deviation of the rotation, radians, about the worst axis.
+        max_mahalanobis2: largest squared Mahalanobis distance to the prior, 6 degrees of freedom.
+        rectification: how far the disparity's error may differ between the map and the live pair, as a part of the
+            calibration's: the rig that made the map, on its day, was not quite the live one.
+        search_distance: standard deviation of the position assumed without a prior, metres.
+        search_rotation: likewise of the rotation, radians.
+        search_iterations: most minimal samples drawn without a prior.
+        search_min_inliers: least inliers when the prior says next to nothing.
+    """
+
+    matching: MatchingSettings = field(default_factory=lambda: MatchingSettings(ratio=0.9))
+    min_inliers: int = 15
+    min_inlier_ratio: float = 0.25
+    min_spread: float = 0.06
+    max_position_sigma: float = 0.15
+    max_rotation_sigma: float = 0.03
+    max_mahalanobis2: float = 33.0
+    rectification: float = 0.5
+    search_distance: float = 1.0
+    search_rotation: float = 0.3
+    search_iterations: int = 300
+    search_min_inliers: int = 25
+
+
+@dataclass(frozen=True, slots=True)
+class StereoSettings:
+    """All stages of the pipeline."""
+
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    preprocessing: PreprocessingSettings = field(default_factory=PreprocessingSettings)
+    odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    mapping: MappingSettings = field(default_factory=MappingSettings)
+    vertex_creation: VertexCreationSettings = field(default_factory=VertexCreationSettings)
+    localization: LocalizationSettings = field(default_factory=LocalizationSettings)

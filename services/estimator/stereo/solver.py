@@ -1,0 +1,407 @@
+"""Pose from stereo measurements: consensus of minimal samples, then robust Gauss-Newton.
+
+Both frames measure: a landmark's own error counts as much as the live measurement's. The landmark is therefore an
+unknown as well, ``(u, v, d)`` in the map's frame; it is eliminated in closed form, which leaves a 3 x 3 innovation per
+landmark and six unknowns. Treating stored landmarks as exact instead would let far ones, of which disparity says
+little, stretch the motion.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common import geometry
+from common.geometry import Uncertain
+from services.estimator.stereo import model
+from services.estimator.stereo.compiled import kernel
+from services.estimator.stereo.settings import MatchingSettings
+
+Array = NDArray[np.float64]
+
+_CHI2_3_MEDIAN = 2.366
+"""Median of the chi-square distribution with 3 degrees of freedom."""
+
+
+_SCALE_RANGE = (0.25, 25.0)
+"""Bounds of the estimated scale of the noise's variance, against the settings."""
+
+_NONE = 1e-10 * np.eye(2)
+"""Covariance of a rectification that is taken as perfect."""
+
+
+class Solution(NamedTuple):
+    """A pose from measurements.
+
+    Attributes:
+        T_live_map: with the covariance of its left perturbation.
+        inliers: (K,) bool, which measurements agree with it.
+        rms: root mean square of the inliers' place errors in the live left image, pixels.
+        rectification: (2,) estimated change of the disparity's error, pixels.
+        rectification_covariance: (2, 2) of it.
+    """
+
+    T_live_map: Uncertain
+    inliers: NDArray[np.bool_]
+    rms: float
+    rectification: Array
+    rectification_covariance: Array
+
+
+@kernel
+def _by_rectification(m: Array, seen: Array, by_landmark: Array, k: Array, out: Array) -> None:
+    """Write the derivative (3, 2) of the prediction less the measurement by the disparity's error ``[c0, c1]``.
+
+    ``m`` and ``seen`` are the landmark and its measurement: the error enters both disparities.
+    """
+    before, after = (m[0] - k[2]) / k[0], (seen[0] - k[2]) / k[0]
+    for i in range(3):
+        out[i, 0], out[i, 1] = -by_landmark[i, 2], -by_landmark[i, 2] * before * before
+    out[2, 0] += 1.0
+    out[2, 1] += after * after
+
+
+@kernel
+def _informations(
+    uvd: Array, covariances: Array, live: Array, noise: Array, T: Array, k: Array, rectification: Array
+) -> Array:
+    """Inverse covariances (N, 3, 3) of the errors of prediction at ``T``; zero behind the camera."""
+    n = uvd.shape[0]
+    out = np.zeros((n, 3, 3))
+    by_pose, by_landmark, s, predicted = np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    shared = np.zeros((3, 2))
+    for i in range(n):
+        if model.predict(uvd[i], T, k, predicted) > 0.0:
+            model.derivatives(uvd[i], T, k, by_pose, by_landmark)
+            model.innovation_covariance(by_landmark, covariances[i], noise[i], s)
+            _by_rectification(uvd[i], live[i], by_landmark, k, shared)
+            model.add_quadratic(shared, rectification, s)
+            model.invert3(s, out[i])
+    return out
+
+
+@kernel
+def _count_inliers(
+    uvd: Array, live: Array, informations: Array, T: Array, k: Array, gate2: float, inliers: NDArray[np.bool_]
+) -> float:
+    """Mark the inliers; returns their truncated sum of squares as a score, larger is better (MSAC)."""
+    predicted = np.zeros(3)
+    score = 0.0
+    for i in range(uvd.shape[0]):
+        inliers[i] = False
+        if informations[i, 0, 0] > 0.0 and model.predict(uvd[i], T, k, predicted) > 0.0:
+            predicted -= live[i]
+            error2 = model.quadratic3(predicted, informations[i])
+            if error2 < gate2:
+                inliers[i] = True
+                score += 1.0 - error2 / gate2
+    return score
+
+
+@kernel
+def _accumulate(
+    jacobian: Array, information: Array, error: Array, weight: float, hessian: Array, gradient: Array
+) -> None:
+    """Add ``w J^T W J``, of which only the upper half, and ``w J^T W e`` of one measurement; J is (3, n)."""
+    n = jacobian.shape[1]
+    for a in range(n):
+        x = y = z = 0.0
+        for i in range(3):
+            x += jacobian[i, a] * information[i, 0]
+            y += jacobian[i, a] * information[i, 1]
+            z += jacobian[i, a] * information[i, 2]
+        gradient[a] += weight * (x * error[0] + y * error[1] + z * error[2])
+        for b in range(a, n):
+            hessian[a, b] += weight * (x * jacobian[0, b] + y * jacobian[1, b] + z * jacobian[2, b])
+
+
+@kernel
+def _cholesky_solve(hessian: Array, gradient: Array, step: Array) -> bool:
+    """Solve with the upper half of a positive definite matrix, which is overwritten; False where it is not definite."""
+    n = gradient.shape[0]
+    for i in range(n):
+        for j in range(i, n):
+            total = hessian[i, j]
+            for p in range(i):
+                total -= hessian[p, i] * hessian[p, j]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                hessian[i, i] = np.sqrt(total)
+            else:
+                hessian[i, j] = total / hessian[i, i]
+    for i in range(n):
+        total = gradient[i]
+        for p in range(i):
+            total -= hessian[p, i] * step[p]
+        step[i] = total / hessian[i, i]
+    for i in range(n - 1, -1, -1):
+        total = step[i]
+        for p in range(i + 1, n):
+            total -= hessian[i, p] * step[p]
+        step[i] = total / hessian[i, i]
+    return True
+
+
+@kernel
+def _minimal(
+    sample: NDArray[np.int64], uvd: Array, live: Array, informations: Array, start: Array, k: Array
+) -> tuple[Array, bool]:
+    """Pose of three landmarks by Gauss-Newton from ``start``; False where it does not converge."""
+    T = start
+    predicted, step = np.zeros(3), np.zeros(6)
+    by_pose, by_landmark = np.zeros((3, 6)), np.zeros((3, 3))
+    hessian, gradient = np.zeros((6, 6)), np.zeros(6)
+    for _ in range(8):
+        hessian[:] = 0.0
+        gradient[:] = 0.0
+        for a in range(6):
+            hessian[a, a] = 1e-6
+        for i in sample:
+            if model.predict(uvd[i], T, k, predicted) <= 0.0:
+                return T, False
+            model.derivatives(uvd[i], T, k, by_pose, by_landmark)
+            for j in range(3):
+                predicted[j] = live[i, j] - predicted[j]
+            _accumulate(by_pose, informations[i], predicted, 1.0, hessian, gradient)
+        if not _cholesky_solve(hessian, gradient, step):
+            return T, False
+        size = np.abs(step).max()
+        if not size < 10.0:
+            return T, False
+        T = model.perturb(T, step)
+        if size < 1e-3:
+            return T, True
+    return T, False
+
+
+@kernel
+def _consensus(
+    uvd: Array, live: Array, informations: Array, start: Array, k: Array, iterations: int, gate2: float
+) -> tuple[Array, NDArray[np.bool_], float]:
+    n = uvd.shape[0]
+    best_inliers, inliers = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    best_T = start.copy()
+    best_score = _count_inliers(uvd, live, informations, start, k, gate2, best_inliers)
+    sample = np.zeros(3, np.int64)
+    state = np.uint64(88172645463325252)
+    needed, done = iterations, 0
+    while done < needed:
+        done += 1
+        # Xorshift (Marsaglia): repeatable, and the same in every process.
+        for j in range(3):
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            sample[j] = np.int64((state >> np.uint64(11)) % np.uint64(n))
+        if sample[0] == sample[1] or sample[0] == sample[2] or sample[1] == sample[2]:
+            continue
+        T, converged = _minimal(sample, uvd, live, informations, start, k)
+        if not converged:
+            continue
+        score = _count_inliers(uvd, live, informations, T, k, gate2, inliers)
+        if score > best_score:
+            best_score, best_T = score, T
+            best_inliers[:] = inliers
+            ratio = inliers.sum() / n
+            # Samples until one without outliers has been drawn with probability 0.999.
+            if ratio < 1.0:
+                needed = min(iterations, int(np.ceil(-6.9 / np.log(1.0 - ratio**3 + 1e-12))) + 5)
+            else:
+                needed = min(iterations, done + 5)
+    return best_T, best_inliers, best_score
+
+
+@kernel
+def _move_latent(latent: Array, shift: Array, covariance: Array, by_landmark: Array, weighted: Array) -> None:
+    """Move a landmark (3,) to its optimum: back to its own measurement, and on by its share of the innovation."""
+    for j in range(3):
+        for p in range(3):
+            shift[j] += covariance[j, p] * (
+                by_landmark[0, p] * weighted[0] + by_landmark[1, p] * weighted[1] + by_landmark[2, p] * weighted[2]
+            )
+    for j in range(3):
+        latent[j] += shift[j]
+
+
+@kernel
+def _linearize(
+    uvd: Array,
+    covariances: Array,
+    live: Array,
+    noise: Array,
+    T: Array,
+    c: Array,
+    k: Array,
+    latent: Array,
+    robust2: float,
+    hessian: Array,
+    gradient: Array,
+    errors2: Array,
+) -> None:
+    """Normal equations of pose and rectification with the landmarks eliminated; moves the landmarks to their optimum.
+
+    With ``r1 = m - latent`` and ``r2 = live - h(T, latent)`` the innovation ``y = r2 - G r1`` has the covariance
+    ``S = R2 + G R1 G^T``, whatever the landmark's true place; its weight is Geman-McClure's.
+    """
+    predicted, y, s, information = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    r1, weighted, jacobian, shared = np.zeros(3), np.zeros(3), np.zeros((3, 8)), np.zeros((3, 2))
+    by_pose, by_landmark = np.zeros((3, 6)), np.zeros((3, 3))
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    for i in range(uvd.shape[0]):
+        errors2[i] = np.inf
+        if model.predict(latent[i], T, k, predicted) <= 0.0:
+            continue
+        model.derivatives(latent[i], T, k, by_pose, by_landmark)
+        model.innovation_covariance(by_landmark, covariances[i], noise[i], s)
+        if not model.invert3(s, information):
+            continue
+        _by_rectification(uvd[i], live[i], by_landmark, k, shared)
+        before, after = (uvd[i, 0] - k[2]) / k[0], (live[i, 0] - k[2]) / k[0]
+        for j in range(3):
+            r1[j] = uvd[i, j] - latent[i, j]
+            jacobian[j, :6] = by_pose[j]
+            jacobian[j, 6:] = shared[j]
+        r1[2] -= c[0] + c[1] * before * before
+        for j in range(3):
+            y[j] = live[i, j] - predicted[j]
+            for p in range(3):
+                y[j] -= by_landmark[j, p] * r1[p]
+        y[2] -= c[0] + c[1] * after * after
+        errors2[i] = model.quadratic3(y, information)
+        weight = (robust2 / (robust2 + errors2[i])) ** 2
+        _accumulate(jacobian, information, y, weight, hessian, gradient)
+        for j in range(3):
+            weighted[j] = information[j, 0] * y[0] + information[j, 1] * y[1] + information[j, 2] * y[2]
+        _move_latent(latent[i], r1, covariances[i], by_landmark, weighted)
+
+
+@kernel
+def _refine(
+    uvd: Array,
+    covariances: Array,
+    live: Array,
+    noise: Array,
+    start: Array,
+    k: Array,
+    anchor: Array,
+    anchor_information: Array,
+    iterations: int,
+    robust2: float,
+) -> tuple[Array, Array, Array, Array]:
+    """Robust Gauss-Newton over pose and rectification.
+
+    ``anchor`` (8,) is the prior's value less the start, ``anchor_information`` (8, 8) its information. Returns the
+    pose, the rectification's change (2,), the normal equations' matrix (8, 8) and the squared errors (N,).
+    """
+    T, c = start.copy(), np.zeros(2)
+    latent, errors2 = uvd.copy(), np.zeros(uvd.shape[0])
+    hessian, gradient, step = np.zeros((8, 8)), np.zeros(8), np.zeros(8)
+    remaining = anchor.copy()
+    for iteration in range(iterations + 1):
+        _linearize(uvd, covariances, live, noise, T, c, k, latent, robust2, hessian, gradient, errors2)
+        hessian += anchor_information
+        gradient += anchor_information @ remaining
+        if iteration == iterations:
+            break
+        factor = hessian.copy()
+        for a in range(8):
+            factor[a, a] += 1e-9 * (1.0 + hessian[a, a])
+        if not _cholesky_solve(factor, gradient, step) or not np.abs(step).max() < 10.0:
+            break
+        T = model.perturb(T, step[:6].copy())
+        c += step[6:]
+        remaining -= step
+        if np.abs(step).max() < 1e-6:
+            break
+    for a in range(8):
+        for b in range(a):
+            hessian[a, b] = hessian[b, a]
+    return T, c, hessian, errors2
+
+
+def solve(
+    landmarks: tuple[Array, Array],
+    measured: tuple[Array, Array],
+    start: Array,
+    k: Array,
+    settings: MatchingSettings,
+    prior: Uncertain | None = None,
+    rectification: Array | None = None,
+) -> Solution | None:
+    """Pose ``T_live_map`` of matched landmarks; None where no consensus of three is found.
+
+    ``landmarks`` are measurements (N, 3) ``(u, v, d)`` in the map's frame with covariances (N, 3, 3), pixels;
+    ``measured`` those of the live frame with variances (N, 3). ``start`` is where the samples' iterations begin, ``k``
+    the camera of :func:`model.intrinsics`. A ``prior`` of the pose takes part in the solve as one more measurement.
+    ``rectification`` (2, 2) is the covariance of what may remain of the disparity's error in both frames, which is
+    then estimated as well; without it there is none.
+
+    The noise's scale is estimated from the errors' median, so that the covariance stays honest where images are worse
+    than the settings say.
+    """
+    uvd, covariances = landmarks
+    live, noise = measured
+    if len(uvd) < 3:
+        return None
+    gate2 = settings.inlier_gate**2
+    shared = rectification if rectification is not None else _NONE
+    informations = _informations(uvd, covariances, live, noise, start, k, shared)
+    T, inliers, _ = _consensus(uvd, live, informations, start, k, settings.ransac_iterations, gate2)
+    if inliers.sum() < 3:
+        return None
+    anchor, information = np.zeros(8), np.zeros((8, 8))
+    information[6:, 6:] = np.linalg.inv(shared + _NONE)
+    scale = 1.0
+    for _ in range(2):
+        subset = uvd[inliers], covariances[inliers] * scale, live[inliers], noise[inliers] * scale
+        if prior is not None:
+            anchor[:6] = geometry.log(prior.T @ geometry.inverse(T))
+            information[:6, :6] = np.linalg.inv(prior.covariance + 1e-12 * np.eye(6))
+        T, c, hessian, errors2 = _refine(
+            *subset, T, k, anchor, information, settings.solver_iterations, settings.robust_scale**2
+        )
+        scale *= float(np.clip(np.median(errors2) / _CHI2_3_MEDIAN, *_SCALE_RANGE))
+        informations = _informations(uvd, covariances * scale, live, noise * scale, T, k, _covariance(hessian)[6:, 6:])
+        inliers = np.zeros(len(uvd), dtype=np.bool_)
+        _count_inliers(uvd, live, informations, T, k, gate2, inliers)
+        if inliers.sum() < 3:
+            return None
+    from_images = (hessian - information) / _efficiency(settings.robust_scale)
+    return _summary(uvd, live, inliers, T, c, k, from_images + information)
+
+
+@lru_cache
+def _efficiency(robust_scale: float) -> float:
+    """Covariance of Geman-McClure's estimate of Gaussian errors, against the inverse of its normal equations.
+
+    An M-estimate with weights w of errors e in 3 dimensions has covariance ``A^-1 B A^-1`` with ``B = E[w^2 e^2]/3``
+    and ``A = E[w + 2/3 w' e^2]`` (P. Huber, *Robust statistics*, section 6.3); the normal equations have ``E[w]``.
+    """
+    e2 = np.linspace(0.0, 60.0, 6001)
+    density = np.sqrt(e2) * np.exp(-0.5 * e2)
+    density /= density.sum()
+    k2 = robust_scale**2
+    w, slope = (k2 / (k2 + e2)) ** 2, -2.0 * k2**2 / (k2 + e2) ** 3
+    a, b = density @ (w + 2.0 / 3.0 * slope * e2), density @ (w * w * e2) / 3.0
+    return float(b * (density @ w) / a**2)
+
+
+def _covariance(hessian: Array) -> Array:
+    covariance = np.linalg.inv(hessian + 1e-9 * np.eye(len(hessian)))
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _summary(
+    uvd: Array, live: Array, inliers: NDArray[np.bool_], T: Array, c: Array, k: Array, hessian: Array
+) -> Solution:
+    predicted = np.zeros((len(uvd), 3))
+    for i in np.flatnonzero(inliers):
+        model.predict(uvd[i], T, k, predicted[i])
+    rms = float(np.sqrt(np.mean(np.sum((predicted - live)[inliers, :2] ** 2, axis=1))))
+    covariance = _covariance(hessian)
+    return Solution(Uncertain(geometry.normalize(T), covariance[:6, :6]), inliers, rms, c, covariance[6:, 6:])

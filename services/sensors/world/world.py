@@ -1,0 +1,143 @@
+"""The synthetic world: a robot on the ground of a scene, under the sun of a moment."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.camera import StereoCamera
+from common.geometry import Array
+from services.sensors.world.base import Base, BaseState
+from services.sensors.world.geometry import MATERIAL, Geometry
+from services.sensors.world.imaging import Image, Imager, response_white
+from services.sensors.world.lightmaps import LightBaker
+from services.sensors.world.rays import RayCaster
+from services.sensors.world.render import Renderer
+from services.sensors.world.scene import Scene
+from services.sensors.world.settings import WorldSettings
+from services.sensors.world.sun import Daylight, daylight
+
+_DEFAULT = WorldSettings()
+
+
+class World:
+    """A scene, the light on it, a robot in it with a stereo camera, wheels and rays to cast.
+
+    The frame "world" has x east, y north, z up. Truth is what the properties say; sensors are
+    :meth:`render`, :meth:`wheel_odometry` and :meth:`cast_rays`. Not safe for threads, except that
+    :meth:`render` may run in one while :meth:`step` runs in another.
+    """
+
+    def __init__(self, settings: WorldSettings = _DEFAULT) -> None:
+        """Build the scene and its light: a few seconds."""
+        self.settings = settings
+        self.scene = Scene.build(settings.scene)
+        self._geometry = Geometry.of(self.scene.groups, self.scene.ground_map())
+        self._rays = RayCaster(self._geometry)
+        self._baker = LightBaker(self.scene, self._geometry, self._rays)
+        self._light = daylight(settings.time, settings.latitude, settings.longitude)
+        maps = self._baker.bake(self._light.direction)
+        self._renderer = Renderer(settings, self._geometry, self.scene, self._light, maps)
+        self._imager = Imager(settings.imaging, response_white(*self._renderer.white(_noon())), settings.seed + 1)
+        self._base = Base(settings.base, settings.seed)
+        self._clock = 0.0
+        self._metered = 0.0
+        x, y, yaw = self.scene.demo_route()[0]
+        self.place(float(x), float(y), float(yaw))
+
+    @property
+    def camera(self) -> StereoCamera:
+        """The stereo camera's calibration."""
+        return self.settings.rig
+
+    @property
+    def light(self) -> Daylight:
+        """Sun and sky at the world's time."""
+        return self._light
+
+    @property
+    def T_world_vehicle(self) -> Array:
+        """The robot's true pose (4, 4), standing on the ground."""
+        return self.scene.terrain.standing(*self._base.pose())
+
+    @property
+    def twist(self) -> tuple[float, float]:
+        """True speed and turn rate over ground, m/s and rad/s."""
+        return self._base.state.twist
+
+    @property
+    def base_state(self) -> BaseState:
+        """The base's state, to be stored and given to :meth:`restore`."""
+        return self._base.state
+
+    def set_time(self, time: datetime) -> None:
+        """Move the sun; shadows are computed anew, in about a second, once it has moved far enough."""
+        self._light = daylight(time, self.settings.latitude, self.settings.longitude)
+        baked = self._renderer.baked_for
+        moved = np.degrees(np.arccos(np.clip(self._light.direction @ baked, -1.0, 1.0)))
+        maps = self._baker.bake(self._light.direction) if moved > self.settings.bake_degrees else None
+        self._renderer.set_light(self._light, maps)
+
+    def place(self, x: float, y: float, yaw: float) -> None:
+        """Put the robot down at rest: metres, metres, radians."""
+        self._base = Base(self.settings.base, self.settings.seed, BaseState(x, y, yaw))
+
+    def restore(self, state: BaseState) -> None:
+        """Go on from a stored state. No command counts as heard, so the base brakes until there is one."""
+        self._base = Base(self.settings.base, self.settings.seed, state)
+
+    def step(self, dt: float, command: tuple[float, float] | None) -> None:
+        """Move on by ``dt`` seconds; ``command`` (m/s, rad/s) is one that arrives now, None where none does.
+
+        Raises:
+            ValueError: the command is not finite.
+        """
+        if command is not None:
+            self._base.command(*command, now=self._clock)
+        self._clock += dt
+        self._base.step(dt, self._clock)
+
+    def wheel_odometry(self) -> tuple[float, float]:
+        """Speed and turn rate as the wheels report them, m/s and rad/s."""
+        return self._base.wheel_odometry()
+
+    def render(self) -> tuple[Image, Image]:
+        """The left and the right image now, RGB (H, W, 3)."""
+        clock = self._clock
+        left, right = self._renderer.stereo(self.T_world_vehicle)
+        self._imager.meter(left, clock - self._metered)
+        self._metered = clock
+        return self._imager.expose(left), self._imager.expose(right)
+
+    def render_depth(self) -> NDArray[np.float32]:
+        """True depth (H, W) along the left camera's axis at pixel centres, metres; infinite for the sky."""
+        return self._renderer.depth(self.T_world_vehicle)
+
+    def cast_rays(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], Array]:
+        """Ranges (N,) in metres, material indices (N,) and unit normals (N, 3) towards the origin.
+
+        ``origins`` and ``directions`` (N, 3) in the world frame, directions of length one. A miss has an
+        infinite range, material -1 and a zero normal.
+        """
+        distance, polygon = self._rays.first_hits(origins, directions)
+        hit = polygon >= 0
+        index = np.where(hit, polygon, 0)
+        normal = self._geometry.normals[index]
+        towards = np.where(np.einsum("ni,ni->n", normal, np.asarray(directions)) > 0.0, -1.0, 1.0)
+        normal = np.where(hit[:, None], normal * towards[:, None], 0.0)
+        return distance, np.where(hit, self._geometry.indices[index, MATERIAL], -1), normal
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, everything that :meth:`render` needs; changes nothing that is seen."""
+        self._renderer.stereo(self.T_world_vehicle)
+        imager = Imager(self.settings.imaging, 1.0, 0)
+        tiny = np.ones((8, 8, 3), np.float32)
+        imager.meter(tiny, 0.0)
+        imager.expose(tiny)
+
+
+def _noon() -> Daylight:
+    """The light that defines gain 1: clear noon on the longest day at the default place."""
+    return daylight(_DEFAULT.time, _DEFAULT.latitude, _DEFAULT.longitude)
