@@ -58,6 +58,11 @@ class Service:
         self._process = psutil.Process()
         self._started = now_ns()
 
+    def ready(self) -> None:
+        """Shows this process to all others: from now on its queries are served and its inputs are taken."""
+        self.bus.present()
+        log.info("ready")
+
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Times a stage of the work for the health report."""
@@ -157,7 +162,6 @@ def _live(
     with Bus(robot, name, table.endpoint, shared_memory=table.shared_memory, mode=mode) as bus:
         service = Service(name, configuration, bus)
         _stop_on_signals(service)
-        bus.present()
         service.thread(service.report_health, "health")
         log.info("started", pid=os.getpid())
         try:

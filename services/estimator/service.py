@@ -9,6 +9,7 @@ import structlog
 
 from common import messages as m
 from common import topics
+from common.camera import StereoCamera
 from common.errors import BusError
 from common.geometry import Uncertain
 from common.ids import VertexId
@@ -27,6 +28,9 @@ from services.estimator.submaps import SubmapCache
 log = structlog.get_logger()
 
 _FRAME_WAIT_S = 0.1
+_ANY_CAMERA = StereoCamera(640, 400, 425.0, 425.0, 319.5, 199.5, 0.24)
+"""What is compiled before the first frame serves every camera."""
+
 _ASK_S = 1.0
 
 Recorder = ExperienceRecorder[Pair, StereoSubmap]
@@ -65,8 +69,10 @@ class Estimator:
     def run(self) -> None:
         """The loop: one frame after another, always the newest."""
         service = self._service
+        warm_up(_ANY_CAMERA, self._settings.stereo)
         service.thread(self._committer.run, "commits")
         service.thread(lambda: self._submaps.run(service.stop), "submaps")
+        service.ready()
         while not service.stop.is_set():
             received = self._frames.wait(_FRAME_WAIT_S)
             state = self._states.last()
@@ -98,8 +104,6 @@ class Estimator:
         """The pipeline of a camera; another calibration starts another one."""
         if self._pipeline is None or not _same(camera, self._camera):
             log.info("a camera appeared", width=camera.width, height=camera.height, baseline=round(camera.baseline, 4))
-            with self._service.stage("compile"):
-                warm_up(camera.camera(), self._settings.stereo)
             self._camera = camera
             self._pipeline = StereoPipeline(camera.camera(), self._settings.stereo)
             self._localizer, self._localizing, self._last_step = None, None, None

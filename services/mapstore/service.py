@@ -86,6 +86,7 @@ def main(service: Service) -> None:
     }
     for topic, answer in answers.items():
         service.bus.serve(topic, _handler(service, keeper, topic, answer))
+    service.ready()
     while not service.stop.wait(_CHECKPOINT_PERIOD_S):
         keeper.tidy()
     keeper.close()

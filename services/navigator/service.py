@@ -91,6 +91,7 @@ class Navigator:
         """Publishes the state ten times a second and whenever it changes."""
         # Served first: whoever sees a state may command.
         self._bus.serve(topics.MISSION, self._answer)
+        self._service.ready()
         while not self._service.stop.is_set():
             self._wake.wait(max(self._published + _STATE_PERIOD_S - time.monotonic(), 0.0))
             self._wake.clear()

@@ -58,6 +58,7 @@ def main(service: Service) -> None:
             return _route(request, graph, remark)
 
     service.bus.serve(topics.PLAN, answer)
+    service.ready()
     service.stop.wait()
 
 

@@ -7,4 +7,5 @@ from common.service import Service
 
 def main(service: Service) -> None:
     """Routes until it is stopped; Zenoh's own threads do the work."""
+    service.ready()
     service.stop.wait()

@@ -52,6 +52,7 @@ def main(service: Service) -> None:
     """Guards the robot until the process is stopped."""
     safety = Safety(service)
     service.thread(safety.run, "cycle")
+    service.ready()
     service.stop.wait()
 
 

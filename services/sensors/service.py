@@ -13,7 +13,7 @@ from common import topics
 from common.service import Service
 from services.sensors.settings import Settings
 from services.sensors.standing_place import StandingPlace
-from services.sensors.world import World
+from services.sensors.world import BaseState, World
 
 log = structlog.get_logger()
 
@@ -26,6 +26,7 @@ def main(service: Service) -> None:
     settings = service.config.settings("sensors", Settings)
     if settings.driver == "none":
         log.info("no driver is configured; a playback may publish the sensors' topics")
+        service.ready()
         service.stop.wait()
         return
     SyntheticDriver(service, settings).run()
@@ -39,6 +40,7 @@ class SyntheticDriver:
         self._service = service
         self._settings = settings
         self._place = StandingPlace(service.config.directory / "run" / "standing_place")
+        self._stood = self._at_rest()
         self._world = World(settings.world)
         self._lock = threading.Lock()
         self._presence = bus.presence()
@@ -49,15 +51,24 @@ class SyntheticDriver:
 
     def run(self) -> None:
         """Starts where the robot stood, then drives and renders."""
-        stood = self._place.load()
+        stood = self._stood
         if stood is not None:
-            # The base's own time-out has stopped the robot while this process was away.
-            self._world.restore(replace(stood, wheel_v=0.0, wheel_w=0.0))
+            self._world.restore(stood)
             log.info("the robot stands where it stood", x=round(stood.x, 2), y=round(stood.y, 2))
         self._world.warm_up()
         self._service.bus.serve(topics.TRUTH_PLACE, self._put_down)
         self._service.thread(self._drive, "base")
+        self._service.ready()
         self._see()
+
+    def _at_rest(self) -> BaseState | None:
+        """Where the robot stood: the base's own time-out has stopped it while this process was away."""
+        stood = self._place.load()
+        if stood is None:
+            return None
+        stood = replace(stood, wheel_v=0.0, wheel_w=0.0)
+        self._place.save(stood)
+        return stood
 
     def _put_down(self, place: m.Place) -> m.Done:
         with self._lock:

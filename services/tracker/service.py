@@ -74,6 +74,7 @@ class Tracker:
 
     def run(self) -> None:
         """A command after every localization, and a period after the last one."""
+        self._service.ready()
         while not self._service.stop.is_set():
             self._wake.wait(max(self._last_command + self._settings.period_s - time.monotonic(), 0.0))
             self._wake.clear()
