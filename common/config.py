@@ -61,8 +61,8 @@ class RobotConfig:
 
     @property
     def directory(self) -> Path:
-        """The robot's own folder: its store, its latch, its logs."""
-        return self.robot.directory.expanduser() / self.robot.name
+        """The robot's own folder: its store, its latch, its logs; a relative one begins at the file's own folder."""
+        return (self.path.absolute().parent / self.robot.directory.expanduser()) / self.robot.name
 
     def settings(self, table: str, kind: type[S]) -> S:
         """A service's table as its settings dataclass.

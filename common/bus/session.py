@@ -71,6 +71,22 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: fl
     return config
 
 
+class Sequence:
+    """Numbers the samples of a key; entered for each, so that they leave in the order of their numbers."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._number = 0
+
+    def __enter__(self) -> int:
+        self._lock.acquire()
+        self._number += 1
+        return self._number
+
+    def __exit__(self, *_error: object) -> None:
+        self._lock.release()
+
+
 class Publisher(Generic[M]):
     """The sending end of a topic."""
 
@@ -82,8 +98,7 @@ class Publisher(Generic[M]):
         }
         self._bus = bus
         self._key = key
-        self._sequence = 0
-        self._lock = threading.Lock()
+        self._sequence = bus.sequence_of(key)
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
         if topic.delivery is Delivery.STATE:
             self._publisher = ext.declare_advanced_publisher(
@@ -96,9 +111,8 @@ class Publisher(Generic[M]):
         """Sends a message; its ``stamp``, where it has one, becomes the sample's."""
         payload = wire.encode(message)
         stamp = getattr(message, "stamp", None) or now_ns()
-        with self._lock:
-            self._sequence += 1
-            envelope = Envelope.seal(payload, self._bus.source, self._sequence, stamp)
+        with self._sequence as number:
+            envelope = Envelope.seal(payload, self._bus.source, number, stamp)
             self._publisher.put(payload, attachment=envelope.pack())
         self._bus.statistics.sent(self._key)
 
@@ -132,6 +146,7 @@ class Bus:
         self.endpoint = endpoint
         self.source = Source.of(robot, process)
         self.statistics = Statistics()
+        self._sequences: dict[str, Sequence] = {}
         self._declared: list[Any] = []
         self._queues: list[queue.SimpleQueue[zenoh.Query | None]] = []
         try:
@@ -157,6 +172,10 @@ class Bus:
         for waiting in self._queues:
             waiting.put(None)
         self.session.close()  # type: ignore[no-untyped-call]
+
+    def sequence_of(self, key: str) -> Sequence:
+        """The sequence of a key: two publishers of it are one source to a receiver."""
+        return self._sequences.setdefault(key, Sequence())
 
     def connected(self) -> bool:
         """Whether the session has a link to the router now."""

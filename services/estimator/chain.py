@@ -29,8 +29,8 @@ class ChainSettings:
     """How the trunk moves on.
 
     Attributes:
-        look_ahead, look_back: how far along the path the nearest vertex is sought from the present trunk, metres.
-            A route that crosses itself is longer than that between its crossings.
+        look_ahead, look_back: how far along the path the nearest vertex is sought from the present trunk, metres, and
+            at least a few vertices far. A route that crosses itself is longer than that between its crossings.
         rotation_weight: metres that a radian of rotation counts for when distances to vertices are compared.
         path_drift: standard deviation of the path between branch and trunk, metres (and half as many radians) a
             metre; the route carries no covariance.
@@ -56,6 +56,9 @@ class LocalizationChain:
         self._settings = settings or ChainSettings()
         steps = np.linalg.norm(np.diff(self._path[:, :3, 3], axis=0), axis=1)
         self._arclength = np.concatenate([[0.0], np.cumsum(steps)])
+        longest = float(steps.max(initial=0.0))
+        self._look_back = max(self._settings.look_back, 1.5 * longest)
+        self._look_ahead = max(self._settings.look_ahead, 3.0 * longest)
         self.trunk = 0
         self.branch = 0
         self._T_branch_twig = Uncertain.identity()
@@ -114,7 +117,7 @@ class LocalizationChain:
 
     def _move_trunk(self) -> None:
         """Makes the nearest vertex around the present trunk the trunk."""
-        around = self.window(self._settings.look_back, self._settings.look_ahead)
+        around = self.window(self._look_back, self._look_ahead)
         T_branch_vertices = geometry.inverse(self._path[self.branch]) @ self._path[around.start : around.stop]
         T_vertices_leaf = geometry.inverse(T_branch_vertices) @ self.T_branch_leaf().T
         distance = np.linalg.norm(T_vertices_leaf[:, :3, 3], axis=1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common import geometry
 from common.camera import StereoCamera
-from services.estimator.chain import ChainSettings, LocalizationChain
+from services.estimator.chain import LocalizationChain
 from services.estimator.stereo import (
     FeatureSet,
     LocalizationResult,
@@ -233,7 +233,7 @@ class _Repeat:
         self._teach = teach
         self._mounting = camera.T_vehicle_camera
         self._localizer = StereoLocalizer(camera, settings)
-        self._chain = LocalizationChain(teach.path, _chain_settings(teach.path))
+        self._chain = LocalizationChain(teach.path)
         self._last: Array | None = None
 
     def step(self, result: OdometryResult, milliseconds: float) -> _Located:
@@ -270,15 +270,6 @@ class _Repeat:
         if best.success:
             self._chain.start(best_index)
         return best
-
-
-def _chain_settings(path: Array) -> ChainSettings:
-    """The chain's defaults, looking ahead past the next vertices even where pairs lie metres apart."""
-    longest = float(np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1).max(initial=0.0))
-    default = ChainSettings()
-    return ChainSettings(
-        look_ahead=max(default.look_ahead, 3.0 * longest), look_back=max(default.look_back, 1.5 * longest)
-    )
 
 
 def run_localization(

@@ -13,6 +13,7 @@ from common.geometry import Array, Uncertain
 from common.messages import Keyframe, VertexRecord
 
 Live = TypeVar("Live")
+Live_contra = TypeVar("Live_contra", contravariant=True)
 Submap = TypeVar("Submap")
 
 
@@ -60,10 +61,10 @@ class Localized:
     reason: str
 
 
-class Pipeline(Protocol[Live, Submap]):
+class Pipeline(Protocol[Live_contra, Submap]):
     """One sensor's way through the five stages."""
 
-    def keyframe(self, live: Live) -> Keyframe:
+    def keyframe(self, live: Live_contra) -> Keyframe:
         """The local map of a frame, to be stored in its vertex."""
         ...
 
@@ -75,10 +76,10 @@ class Pipeline(Protocol[Live, Submap]):
         """Whether the live frame is to become a vertex."""
         ...
 
-    def localize(self, submap: Submap, prior: Uncertain, live: Live) -> Localized:
+    def localize(self, submap: Submap, prior: Uncertain, live: Live_contra) -> Localized:
         """Localizes with a prior ``T_vertex_live``."""
         ...
 
-    def search(self, submap: Submap, live: Live) -> Localized:
+    def search(self, submap: Submap, live: Live_contra) -> Localized:
         """Localizes a vehicle that is assumed within a metre or so of the vertex."""
         ...

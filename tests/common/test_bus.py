@@ -53,6 +53,16 @@ def test_of_frames_the_latest_wins(connect):
     assert slow.last().message.v == 20
 
 
+def test_two_publishers_of_one_session_are_one_sequence(connect):
+    sender, subscription = connect("tracker"), connect("safety").subscribe(topics.DESIRED)
+    first = sender.publisher(topics.DESIRED)
+    for v in range(5):
+        put_until_received(first, subscription, command(v))
+    second = sender.publisher(topics.DESIRED)
+    assert put_until_received(second, subscription, command(9)).message.v == 9
+    assert put_until_received(first, subscription, command(10)).message.v == 10
+
+
 def test_one_name_does_not_hide_another(connect):
     bus, example = connect("tracker"), fuzz.valid_examples()[topics.HEALTH]
     everybody = bus.subscribe(topics.HEALTH)

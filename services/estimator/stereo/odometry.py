@@ -110,22 +110,21 @@ class StereoOdometry:
         times = {"features": features_ms, "match": 0.0, "solve": 0.0}
         if self._keyframe is None or self._motion is None:
             return self._start(frame, times)
-        motion = self._motion
+        keyframe, motion = self._keyframe, self._motion
         seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
         step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
         T_keyframe_live = motion.T_keyframe_last @ step
-        solution, matches = self._measure(frame, T_keyframe_live, times)
+        solution, matches = self._measure(keyframe, frame, T_keyframe_live, times)
         if solution is None and prior is None:
             wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
-            solution, matches = self._measure(frame, motion.T_keyframe_last @ wide, times)
+            solution, matches = self._measure(keyframe, frame, motion.T_keyframe_last @ wide, times)
         return self._conclude(frame, motion, seconds, T_keyframe_live, solution, matches, times)
 
     def _measure(
-        self, frame: StereoFrame, T_keyframe_live: Uncertain, times: dict[str, float]
+        self, keyframe: StereoFrame, frame: StereoFrame, T_keyframe_live: Uncertain, times: dict[str, float]
     ) -> tuple[solver.Solution | None, int]:
         """Match the keyframe's landmarks and solve; None where too few agree."""
-        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
-        s, landmarks = self.settings.odometry, self._keyframe.features
+        s, landmarks = self.settings.odometry, keyframe.features
         begin = perf_counter()
         prior = T_keyframe_live.inverse()
         found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
@@ -182,7 +181,6 @@ class StereoOdometry:
     ) -> OdometryResult:
         """Take over what was measured, or the prior where nothing was."""
         s = self.settings.odometry
-        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
         success = solution is not None
         inliers = int(solution.inliers.sum()) if solution else 0
         T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
@@ -252,10 +250,10 @@ class StereoOdometry:
             return False
         if not success:
             return self._failures >= s.max_failures
-        assert self._keyframe is not None  # noqa: S101 - process_frame has seen to it
+        landmarks = 0 if self._keyframe is None else len(self._keyframe.features)
         return bool(
             inliers < s.keyframe_inliers
-            or inliers < s.keyframe_overlap * len(self._keyframe.features)
+            or inliers < s.keyframe_overlap * landmarks
             or np.linalg.norm(T_keyframe_live.T[:3, 3]) > s.keyframe_distance
             or geometry.rotation_angle(T_keyframe_live.T) > s.keyframe_rotation
             or _position_sigma(T_keyframe_live) > s.keyframe_growth * self._first_sigma

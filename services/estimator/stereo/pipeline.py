@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from common import geometry
 from common.camera import StereoCamera
@@ -88,7 +86,7 @@ class StereoPipeline:
         Raises:
             FeatureError: the keyframe is not one of a stereo camera, or not whole.
         """
-        arrays = {name.removeprefix(f"{PLAIN}/"): _writable(array) for name, array in record.keyframe.arrays.items()}
+        arrays = {name.removeprefix(f"{PLAIN}/"): array for name, array in record.keyframe.arrays.items()}
         camera = record.keyframe.camera
         mounting = self._camera.T_vehicle_camera if camera is None else camera.T_vehicle_camera
         return StereoSubmap(FeatureSet.from_arrays(arrays), mounting)
@@ -119,11 +117,6 @@ class StereoPipeline:
             T_camera_live = Uncertain.exactly(geometry.inverse(self._camera.T_vehicle_camera))
             T_vertex_live = T_vertex_camera @ result.T_map_live @ T_camera_live
         return Localized(result.success, T_vertex_live, result.inliers, PLAIN, result.reason)
-
-
-def _writable(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, copied if it is a view of a message: to numba that is another type, and a new compilation."""
-    return np.require(array, requirements=["C", "W"])
 
 
 def _thumbnail(image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from common import geometry
 from common.geometry import Uncertain
-from services.estimator.stereo import model
+from services.estimator.stereo import model, normal_equations, ransac
 from services.estimator.stereo.compiled import kernel
 from services.estimator.stereo.settings import MatchingSettings
 
@@ -84,138 +84,6 @@ def _informations(
 
 
 @kernel
-def _count_inliers(
-    uvd: Array, live: Array, informations: Array, T: Array, k: Array, gate2: float, inliers: NDArray[np.bool_]
-) -> float:
-    """Mark the inliers; returns their truncated sum of squares as a score, larger is better (MSAC)."""
-    predicted = np.zeros(3)
-    score = 0.0
-    for i in range(uvd.shape[0]):
-        inliers[i] = False
-        if informations[i, 0, 0] > 0.0 and model.predict(uvd[i], T, k, predicted) > 0.0:
-            predicted -= live[i]
-            error2 = model.quadratic3(predicted, informations[i])
-            if error2 < gate2:
-                inliers[i] = True
-                score += 1.0 - error2 / gate2
-    return score
-
-
-@kernel
-def _accumulate(
-    jacobian: Array, information: Array, error: Array, weight: float, hessian: Array, gradient: Array
-) -> None:
-    """Add ``w J^T W J``, of which only the upper half, and ``w J^T W e`` of one measurement; J is (3, n)."""
-    n = jacobian.shape[1]
-    for a in range(n):
-        x = y = z = 0.0
-        for i in range(3):
-            x += jacobian[i, a] * information[i, 0]
-            y += jacobian[i, a] * information[i, 1]
-            z += jacobian[i, a] * information[i, 2]
-        gradient[a] += weight * (x * error[0] + y * error[1] + z * error[2])
-        for b in range(a, n):
-            hessian[a, b] += weight * (x * jacobian[0, b] + y * jacobian[1, b] + z * jacobian[2, b])
-
-
-@kernel
-def _cholesky_solve(hessian: Array, gradient: Array, step: Array) -> bool:
-    """Solve with the upper half of a positive definite matrix, which is overwritten; False where it is not definite."""
-    n = gradient.shape[0]
-    for i in range(n):
-        for j in range(i, n):
-            total = hessian[i, j]
-            for p in range(i):
-                total -= hessian[p, i] * hessian[p, j]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                hessian[i, i] = np.sqrt(total)
-            else:
-                hessian[i, j] = total / hessian[i, i]
-    for i in range(n):
-        total = gradient[i]
-        for p in range(i):
-            total -= hessian[p, i] * step[p]
-        step[i] = total / hessian[i, i]
-    for i in range(n - 1, -1, -1):
-        total = step[i]
-        for p in range(i + 1, n):
-            total -= hessian[i, p] * step[p]
-        step[i] = total / hessian[i, i]
-    return True
-
-
-@kernel
-def _minimal(
-    sample: NDArray[np.int64], uvd: Array, live: Array, informations: Array, start: Array, k: Array
-) -> tuple[Array, bool]:
-    """Pose of three landmarks by Gauss-Newton from ``start``; False where it does not converge."""
-    T = start
-    predicted, step = np.zeros(3), np.zeros(6)
-    by_pose, by_landmark = np.zeros((3, 6)), np.zeros((3, 3))
-    hessian, gradient = np.zeros((6, 6)), np.zeros(6)
-    for _ in range(8):
-        hessian[:] = 0.0
-        gradient[:] = 0.0
-        for a in range(6):
-            hessian[a, a] = 1e-6
-        for i in sample:
-            if model.predict(uvd[i], T, k, predicted) <= 0.0:
-                return T, False
-            model.derivatives(uvd[i], T, k, by_pose, by_landmark)
-            for j in range(3):
-                predicted[j] = live[i, j] - predicted[j]
-            _accumulate(by_pose, informations[i], predicted, 1.0, hessian, gradient)
-        if not _cholesky_solve(hessian, gradient, step):
-            return T, False
-        size = np.abs(step).max()
-        if not size < 10.0:
-            return T, False
-        T = model.perturb(T, step)
-        if size < 1e-3:
-            return T, True
-    return T, False
-
-
-@kernel
-def _consensus(
-    uvd: Array, live: Array, informations: Array, start: Array, k: Array, iterations: int, gate2: float
-) -> tuple[Array, NDArray[np.bool_], float]:
-    n = uvd.shape[0]
-    best_inliers, inliers = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    best_T = start.copy()
-    best_score = _count_inliers(uvd, live, informations, start, k, gate2, best_inliers)
-    sample = np.zeros(3, np.int64)
-    state = np.uint64(88172645463325252)
-    needed, done = iterations, 0
-    while done < needed:
-        done += 1
-        # Xorshift (Marsaglia): repeatable, and the same in every process.
-        for j in range(3):
-            state ^= state << np.uint64(13)
-            state ^= state >> np.uint64(7)
-            state ^= state << np.uint64(17)
-            sample[j] = np.int64((state >> np.uint64(11)) % np.uint64(n))
-        if sample[0] == sample[1] or sample[0] == sample[2] or sample[1] == sample[2]:
-            continue
-        T, converged = _minimal(sample, uvd, live, informations, start, k)
-        if not converged:
-            continue
-        score = _count_inliers(uvd, live, informations, T, k, gate2, inliers)
-        if score > best_score:
-            best_score, best_T = score, T
-            best_inliers[:] = inliers
-            ratio = inliers.sum() / n
-            # Samples until one without outliers has been drawn with probability 0.999.
-            if ratio < 1.0:
-                needed = min(iterations, int(np.ceil(-6.9 / np.log(1.0 - ratio**3 + 1e-12))) + 5)
-            else:
-                needed = min(iterations, done + 5)
-    return best_T, best_inliers, best_score
-
-
-@kernel
 def _move_latent(latent: Array, shift: Array, covariance: Array, by_landmark: Array, weighted: Array) -> None:
     """Move a landmark (3,) to its optimum: back to its own measurement, and on by its share of the innovation."""
     for j in range(3):
@@ -274,7 +142,7 @@ def _linearize(
         y[2] -= c[0] + c[1] * after * after
         errors2[i] = model.quadratic3(y, information)
         weight = (robust2 / (robust2 + errors2[i])) ** 2
-        _accumulate(jacobian, information, y, weight, hessian, gradient)
+        normal_equations.accumulate(jacobian, information, y, weight, hessian, gradient)
         for j in range(3):
             weighted[j] = information[j, 0] * y[0] + information[j, 1] * y[1] + information[j, 2] * y[2]
         _move_latent(latent[i], r1, covariances[i], by_landmark, weighted)
@@ -311,7 +179,7 @@ def _refine(
         factor = hessian.copy()
         for a in range(8):
             factor[a, a] += 1e-9 * (1.0 + hessian[a, a])
-        if not _cholesky_solve(factor, gradient, step) or not np.abs(step).max() < 10.0:
+        if not normal_equations.cholesky_solve(factor, gradient, step) or not np.abs(step).max() < 10.0:
             break
         T = model.perturb(T, step[:6].copy())
         c += step[6:]
@@ -351,7 +219,7 @@ def solve(
     gate2 = settings.inlier_gate**2
     shared = rectification if rectification is not None else _NONE
     informations = _informations(uvd, covariances, live, noise, start, k, shared)
-    T, inliers, _ = _consensus(uvd, live, informations, start, k, settings.ransac_iterations, gate2)
+    T, inliers, _ = ransac.consensus(uvd, live, informations, start, k, settings.ransac_iterations, gate2)
     if inliers.sum() < 3:
         return None
     anchor, information = np.zeros(8), np.zeros((8, 8))
@@ -368,7 +236,7 @@ def solve(
         scale *= float(np.clip(np.median(errors2) / _CHI2_3_MEDIAN, *_SCALE_RANGE))
         informations = _informations(uvd, covariances * scale, live, noise * scale, T, k, _covariance(hessian)[6:, 6:])
         inliers = np.zeros(len(uvd), dtype=np.bool_)
-        _count_inliers(uvd, live, informations, T, k, gate2, inliers)
+        ransac.count_inliers(uvd, live, informations, T, k, gate2, inliers)
         if inliers.sum() < 3:
             return None
     from_images = (hessian - information) / _efficiency(settings.robust_scale)

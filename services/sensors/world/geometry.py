@@ -17,7 +17,7 @@ MATERIAL, TEXTURE, CHART_START, CHART_WIDTH, CHART_HEIGHT = range(5)
 """Columns of :attr:`Geometry.indices`; a chart width of 0 stands for the ground's shadow map."""
 INDICES = 5
 
-_CHART_STEP = 0.10
+_CHART_STEP = 0.14
 """Metres between samples of light on things."""
 _CHART_MOST = 48
 

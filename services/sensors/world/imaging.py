@@ -59,7 +59,7 @@ class Imager:
         # A higher gain collects fewer electrons for the same grey level.
         per_electron = max(self.gain, 1.0) / s.full_well
         rows = light.reshape(light.shape[0], -1)
-        offsets = self._rng.integers(0, _NOISE - rows.shape[1], light.shape[0])
+        offsets = self._rng.integers(0, _NOISE - rows.shape[1], size=(light.shape[0],))
         levels = np.empty(rows.shape[1], np.float32)
         read = s.read_noise * per_electron
         _expose(rows, scale, per_electron, read, self._noise, offsets, self._curve, levels, image.reshape(rows.shape))

@@ -20,7 +20,7 @@ from services.sensors.world.textures import mip_levels, tiled
 
 _OFF_SURFACE = 0.02
 """Where rays start, metres off the surface, so that it does not shadow itself."""
-_SKY_RAYS = 32
+_SKY_RAYS = 24
 _SKY_GRID = 256
 _BOUNCE = 0.15
 """What a surface gets from directions where it sees no sky, relative to open sky."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +33,10 @@ def contrast(field: Image, gain: float = 1.0) -> Image:
     return np.asarray(1.0 / (1.0 + np.exp(-gain * field)))
 
 
-def _wrapped(centre: NDArray[np.float64], reach: float, size: int) -> list[tuple[int, int]]:
+def _wrapped(centre: Sequence[float], reach: float, size: int) -> list[tuple[int, int]]:
     """The places on the canvas where something of a radius must be drawn so that the canvas tiles."""
+    if reach < centre[0] < size - reach and reach < centre[1] < size - reach:
+        return [(round(16 * centre[0]), round(16 * centre[1]))]
     shifts = [(dx, dy) for dx in (-size, 0, size) for dy in (-size, 0, size)]
     near = [(centre[0] + dx, centre[1] + dy) for dx, dy in shifts]
     inside = [p for p in near if -reach < p[0] < size + reach and -reach < p[1] < size + reach]
@@ -44,7 +48,7 @@ def spots(
 ) -> None:
     """Draw ``count`` random ellipses on a periodic canvas, small ones more often, in place."""
     size = canvas.shape[0]
-    centres = rng.random((count, 2)) * size
+    centres = (rng.random((count, 2)) * size).tolist()
     radii = radius[0] * (radius[1] / radius[0]) ** rng.random(count) ** 1.5
     flat, angle, grey = rng.uniform(0.5, 1.0, count), rng.uniform(0.0, 180.0, count), rng.uniform(*level, count)
     for i in range(count):
@@ -66,7 +70,7 @@ def strokes(
     Their directions differ from the canvas's x axis by at most ``heading`` radians.
     """
     size = canvas.shape[0]
-    starts, angles = rng.random((count, 2)) * size, rng.uniform(-heading, heading, count)
+    starts, angles = (rng.random((count, 2)) * size).tolist(), rng.uniform(-heading, heading, count)
     lengths, grey = rng.uniform(*length, count), rng.uniform(*level, count)
     wide = rng.random(count) < 0.3
     for i in range(count):

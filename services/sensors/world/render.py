@@ -43,18 +43,21 @@ class Renderer:
         self._intrinsics = np.array([c.fx, c.fy, c.cx, c.cy])
         self._screen = np.zeros((len(geometry.corners), 15))
         self._scratch = np.zeros((8, 8))
-        self.set_light(light, maps)
+        self._lit = self._lighting(light, maps)
 
-    def set_light(self, light: Daylight, maps: LightMaps | None = None) -> None:
+    def set_light(self, light: Daylight, maps: LightMaps | None) -> None:
         """Change the light; without new ``maps`` the old shadows stay.
 
         The two are swapped in by one assignment, so that an image in the making keeps its own.
         """
-        maps = maps or self._lit.maps
+        self._lit = self._lighting(light, maps or self._lit.maps)
+
+    def _lighting(self, light: Daylight, maps: LightMaps) -> _Lit:
+        """What the bands see in a light with its maps."""
         sun = illuminant(light.sun_temperature, light.sun_irradiance)
         sky = illuminant(light.sky_temperature, light.sky_irradiance)
-        in_sun, in_sky = (responses(REFLECTANCES, s, self._bands) for s in (sun, sky))
-        self._lit = _Lit(maps, in_sun, in_sky, self._backdrop(light))
+        in_sun, in_sky = (responses(REFLECTANCES, spectrum, self._bands) for spectrum in (sun, sky))
+        return _Lit(maps, in_sun, in_sky, self._backdrop(light))
 
     @property
     def baked_for(self) -> Array:

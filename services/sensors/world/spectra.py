@@ -75,8 +75,8 @@ _SLOPE = (WAVELENGTHS - 380e-9) / 350e-9
 ENDMEMBERS: dict[str, Array] = {
     "grass": _leaf(0.13, 0.045),
     "dry grass": 0.10 + 0.30 * _SLOPE,
-    "soil": 0.06 + 0.20 * _SLOPE**1.3,
-    "stone": 0.26 + 0.08 * _SLOPE,
+    "soil": 0.09 + 0.20 * _SLOPE**1.3,
+    "stone": 0.22 + 0.08 * _SLOPE,
     "leaf": _leaf(0.12, 0.035),
     "young leaf": _leaf(0.20, 0.06) + 0.05 * _step(520.0, 15.0),
     "withered leaf": 0.04 + 0.26 * _step(575.0, 30.0),

@@ -75,21 +75,21 @@ def _stack(*lanes: NDArray[np.floating]) -> Image:
 
 
 def _patches(rng: np.random.Generator, shortest: float = 4.0, longest: float = 256.0, size: int = _SIZE) -> Image:
-    """Light and dark patches of many sizes, in 0.35..1.25."""
-    return 0.35 + 0.9 * contrast(fractal(rng, size, shortest, longest, 0.6), 1.8)
+    """Light and dark patches of many sizes, in 0.55..1.15."""
+    return 0.55 + 0.6 * contrast(fractal(rng, size, shortest, longest, 0.6), 1.8)
 
 
 def ground_detail(rng: np.random.Generator) -> Image:
     """Blades of green and dry grass, crumbs of soil, gravel."""
     size = 2 * _SIZE
-    green = np.full((size, size), 0.18, np.float32)
-    strokes(green, rng, 9000, (14, 60), (0.2, 1.0))
-    dry = np.full((size, size), 0.22, np.float32)
-    strokes(dry, rng, 6000, (16, 80), (0.15, 1.0))
+    green = np.full((size, size), 0.3, np.float32)
+    strokes(green, rng, 9000, (14, 60), (0.35, 1.0))
+    dry = np.full((size, size), 0.35, np.float32)
+    strokes(dry, rng, 6000, (16, 80), (0.3, 1.0))
     soil = 0.45 + 0.13 * fractal(rng, size, 3, 64, 0.7)
-    spots(soil, rng, 3500, (1.5, 12), (0.05, 1.0))
-    gravel = np.full((size, size), 0.12, np.float32)
-    spots(gravel, rng, 9000, (3, 20), (0.2, 1.0))
+    spots(soil, rng, 3500, (1.5, 12), (0.25, 0.95))
+    gravel = np.full((size, size), 0.3, np.float32)
+    spots(gravel, rng, 9000, (3, 20), (0.4, 0.95))
     return _stack(*(lane * _patches(rng, 8.0, 300.0, size) for lane in (green, dry, soil, gravel)))
 
 
@@ -176,7 +176,7 @@ def ground_map(rng: np.random.Generator, size: int, worn: Image) -> Image:
     share = np.exp(3.0 * np.stack(fields, axis=-1))
     share /= share.sum(axis=-1, keepdims=True)
     litter = 0.62 + 0.16 * fractal(rng, size, 2, size / 16.0, 0.5)
-    spots(litter, rng, 26000, (0.8, 7.0), (0.12, 1.0))
+    spots(litter, rng, 26000, (0.8, 7.0), (0.3, 0.95))
     return np.asarray(np.clip(share * litter[..., None], 0.0, 1.0).astype(np.float32))
 
 

@@ -18,7 +18,7 @@ class PlainPipeline:
     def keyframe(self, live):
         return Keyframe(pipeline="stereo", arrays={"place": np.array([float(live)])})
 
-    def is_vertex_due(self, T_vertex_live, inliers):
+    def is_vertex_due(self, T_vertex_live, _inliers):
         return bool(np.linalg.norm(T_vertex_live[:3, 3]) >= 0.5)
 
 

@@ -105,7 +105,7 @@ def test_wanted_submaps_arrive_although_the_store_is_away_at_first(running):
 
 
 def test_the_cache_forgets_what_was_used_longest_ago():
-    cache = SubmapCache(lambda wanted: [], lambda record: record.stamp, capacity=3)
+    cache = SubmapCache(lambda _wanted: [], lambda record: record.stamp, capacity=3)
     for vertex in vertices(3):
         cache.put(vertex, vertex.index)
     cache.get(VertexId(MAP, 0))

@@ -54,6 +54,8 @@ def test_corners_come_in_reading_order_and_keep_off_the_edge():
     assert (places < np.array([160, 120]) - fast.BORDER).all()
 
 
-@pytest.mark.parametrize("image", [np.zeros((100, 100), np.uint8), np.full((100, 100), 255, np.uint8), np.zeros((20, 20), np.uint8)])
+@pytest.mark.parametrize(
+    "image", [np.zeros((100, 100), np.uint8), np.full((100, 100), 255, np.uint8), np.zeros((20, 20), np.uint8)]
+)
 def test_an_image_without_texture_has_no_corners(image):
     assert fast.detect(image, 10, cell=40, limit=100).shape == (0, 2)

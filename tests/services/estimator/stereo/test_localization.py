@@ -54,14 +54,18 @@ def test_a_live_pair_is_localized_from_a_rough_prior(taught, live):
 
 
 def test_a_prior_that_is_contradicted_is_a_failure_and_stays_the_estimate(taught, live):
-    prior = Uncertain(geometry.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]) @ T_MAP_LIVE, np.diag(np.repeat([0.004, 0.02], 3) ** 2))
+    prior = Uncertain(
+        geometry.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]) @ T_MAP_LIVE, np.diag(np.repeat([0.004, 0.02], 3) ** 2)
+    )
     result = LOCALIZER.localize(taught, live, prior)
     assert not result.success
     assert result.reason
     np.testing.assert_array_equal(result.T_map_live.T, prior.T)
 
 
-@pytest.mark.parametrize("offset", [[0, 0, 0, 0, 0, 0], [0.5, 0, 0.6, 0, 0, 0], [-0.6, 0, 0.3, 0, -0.26, 0], [0, 0, 0.5, 0, 0.26, 0]])
+@pytest.mark.parametrize(
+    "offset", [[0, 0, 0, 0, 0, 0], [0.5, 0, 0.6, 0, 0, 0], [-0.6, 0, 0.3, 0, -0.26, 0], [0, 0, 0.5, 0, 0.26, 0]]
+)
 def test_without_a_prior_a_metre_and_fifteen_degrees_are_found_or_refused(taught, offset):
     truth = geometry.exp(np.array(offset, float))
     result = LOCALIZER.localize_without_prior(taught, _frame(truth, seed=2))
@@ -106,7 +110,7 @@ def test_moving_a_map_moves_its_landmarks_and_widens_them(taught):
     assert (move(taught, Uncertain.exactly(geometry.exp([0, 0, -8.0, 0, 0, 0]))).landmarks[:, 2] > 0.5).all()
 
 
-def test_a_local_map_is_bounded_and_spread(taught):
+def test_a_local_map_is_bounded_and_spread():
     frame = _frame(np.eye(4))
     kept = local_map(frame.features, MappingSettings(max_landmarks=60))
     assert len(kept) == 60

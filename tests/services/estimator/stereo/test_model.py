@@ -27,7 +27,10 @@ def test_prediction_is_the_cameras_projection_of_the_moved_point(T):
 
 def test_a_point_at_infinity_only_turns():
     m = np.array([200.0, 100.0, 0.0])
-    far, turned = _predict(m, geometry.exp([5.0, 0.0, 3.0, 0.0, 0.1, 0.0]))[1], _predict(m, geometry.exp([0, 0, 0, 0, 0.1, 0]))[1]
+    far, turned = (
+        _predict(m, geometry.exp([5.0, 0.0, 3.0, 0.0, 0.1, 0.0]))[1],
+        _predict(m, geometry.exp([0, 0, 0, 0, 0.1, 0]))[1],
+    )
     np.testing.assert_allclose(far, turned)
     assert far[2] == 0.0
 

@@ -34,7 +34,7 @@ def test_features_are_capped_and_lie_on_what_is_seen():
     frame = preprocess(left, right, 5, CAMERA, SETTINGS)
     assert frame.stamp_ns == 5
     assert 150 < len(frame.features) <= SETTINGS.preprocessing.max_features
-    x, y, z = frame.features.landmarks.T
+    _, y, z = frame.features.landmarks.T
     assert np.median(np.abs(y[(z < 6) & (y > 1.0)] - 1.2)) < 0.03, "the ground is 1.2 m below the camera"
     assert frame.features.patches[0, 6, 6] == left[tuple(frame.features.measurements[0, 1::-1].astype(int))]
 

@@ -1,0 +1,50 @@
+"""Recordings as the offline commands take them: opened, cut to a slice of their frames."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from cli.errors import CommandError
+from services.sensors.recordings import StereoRecording, open_recording
+
+_SLICE = re.compile(r"^(?P<start>\d*):(?P<stop>\d*)(?::(?P<step>\d*))?$")
+
+
+def open_frames(path: Path, frames: str | None, option: str) -> StereoRecording:
+    """The recording in a folder, or those of its frames that ``frames`` (``start:stop:step``) chooses.
+
+    Raises:
+        RecordingError: the folder is no recording that can be read.
+        CommandError: ``frames`` is no slice, or chooses fewer than two frames.
+    """
+    recording = open_recording(path)
+    if frames is None:
+        return recording
+    chosen = parse_slice(frames, option)
+    part = replace(
+        recording,
+        stamps_ns=recording.stamps_ns[chosen],
+        poses_truth=None if recording.poses_truth is None else recording.poses_truth[chosen],
+        files_left=recording.files_left[chosen],
+        files_right=recording.files_right[chosen],
+    )
+    if len(part) < 2:
+        raise CommandError(
+            f"{option}: '{frames}' leaves {len(part)} of the {len(recording)} frames: choose two or more"
+        )
+    return part
+
+
+def parse_slice(text: str, option: str) -> slice:
+    """The slice written as Python does, without negative numbers: ``0::2`` are the even frames.
+
+    Raises:
+        CommandError: the text is no such slice.
+    """
+    match = _SLICE.match(text)
+    if match is None or match["step"] == "0":
+        raise CommandError(f"{option}: '{text}' chooses no frames: write start:stop:step, as 0::2 for the even ones")
+    start, stop, step = (int(part) if part else None for part in (match["start"], match["stop"], match["step"]))
+    return slice(start, stop, step)

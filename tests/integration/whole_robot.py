@@ -1,0 +1,179 @@
+"""A whole robot in the synthetic world, watched from outside of its bus, and an operator who drives it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+
+from cli.demo.driver import Driver, DriverSettings
+from cli.demo.recorder import Recorder
+from cli.demo.story import Story, write_config
+from common import topics
+from common.errors import BusError
+from common.messages import Command, GraphQuery, Place, StateName, VelocityCommand, now_ns
+from services.sensors.standing_place import StandingPlace
+from tests.processes import eventually
+
+STILL_M_S = 0.02
+
+
+class WholeRobot:
+    """A demo robot on which processes are killed; a context manager."""
+
+    def __init__(self, folder):
+        self.config = folder / "robot.toml"
+        write_config(self.config, folder / "data")
+        self._story = Story(self.config, lambda _text, _part: None)
+        self._place = StandingPlace(folder / "data" / "demo" / "run" / "standing_place")
+
+    def __enter__(self):
+        self._story.__enter__()
+        self.story, self.bus, self.supervised = self._story, self._story.bus, self._story.supervised
+        self.route = self.story.route()
+        self.pace = DriverSettings(speed=1.1, acceleration=1.0)
+        return self
+
+    def __exit__(self, *error):
+        self._story.__exit__(*error)
+
+    def speed(self):
+        """The speed of the simulated wheels, m/s, read beside the bus: it is there while the router is not."""
+        state = self._place.load()
+        return 0.0 if state is None else abs(state.wheel_v)
+
+    def standing(self):
+        """Where the robot truly is: x, y, yaw."""
+        state = self._place.load()
+        return np.array([state.x, state.y, state.yaw])
+
+    def put_down(self, x, y, yaw):
+        self.bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=float(yaw)), timeout=10.0)
+
+    def command(self, action, timeout=10.0, **fields):
+        return self.bus.ask(topics.MISSION, Command(action=action, **fields), timeout=timeout)
+
+    def states(self):
+        return self.bus.subscribe(topics.STATE)
+
+    def pid(self, process):
+        return next(row.pid for row in self.supervised.processes() if row.name == process)
+
+    def kill(self, process):
+        """``kill -9``; returns the monotonic time and the pid."""
+        pid = self.pid(process)
+        os.kill(pid, signal.SIGKILL)
+        return time.monotonic(), pid
+
+    def seconds_to_standstill(self, since, deadline=3.0):
+        """Seconds after ``since`` at which the wheels stood still for good, infinite if they did not."""
+        last_moving = since
+        while time.monotonic() < since + deadline:
+            if self.speed() > STILL_M_S:
+                last_moving = time.monotonic()
+            elif time.monotonic() - last_moving > 1.0:
+                return last_moving - since
+            time.sleep(0.002)
+        return float("inf")
+
+    def wait_back(self, process, old_pid, deadline=90.0):
+        """Waits until a killed process is present again, under another pid."""
+
+        def back():
+            row = next((r for r in self.supervised.processes() if r.name == process), None)
+            return row is not None and row.pid not in (0, None, old_pid) and row.state == "RUNNING"
+
+        eventually(back, f"{process} runs again", deadline)
+        presence = self.bus.presence()
+        eventually(lambda: process in presence, f"{process} is present again", deadline)
+
+    def first_metres(self, metres):
+        """The beginning of the world's route."""
+        steps = np.linalg.norm(np.diff(self.route[:, :2], axis=0), axis=1)
+        return self.route[: int(np.searchsorted(np.cumsum(steps), metres)) + 2]
+
+    def metres_from(self, start, length):
+        """A stretch of the world's route."""
+        before = self.first_metres(start)
+        return self.first_metres(start + length)[len(before) - 1 :]
+
+    def soon(self, condition, what, deadline=30.0):
+        """Waits for a condition; a failure tells the navigator's and safety's side of the story."""
+        states, statuses = self.states(), self.bus.subscribe(topics.SAFETY_STATUS)
+        try:
+            return eventually(condition, what, deadline)
+        except AssertionError as error:
+            state, status = states.last(), statuses.last()
+            raise AssertionError(f"{error}\n{state and state.message}\n{status and status.message}") from None
+
+    def pids(self):
+        """The pid of each process."""
+        return {row.name: row.pid for row in self.supervised.processes()}
+
+    def attempt(self, action, **fields):
+        """Gives a command; whether it was taken. A process that is coming back may refuse it or not answer yet."""
+        try:
+            self.command(action, **fields)
+        except BusError:
+            return False
+        return True
+
+    def calm(self):
+        """Leaves no mission behind, and the robot at rest."""
+        states = self.states()
+
+        def idle():
+            return state_is(states, "Idle") or (self.attempt("cancel") and False)
+
+        self.soon(idle, "the robot is idle")
+        self.soon(lambda: self.speed() < STILL_M_S, "the robot stands")
+
+    def forget_maps(self, environment="garden"):
+        """Removes every map of an environment."""
+        for map_id in self.vertices(environment):
+            self.bus.ask(topics.REMOVE, GraphQuery(map=map_id), timeout=10.0)
+
+    def vertices(self, environment="garden"):
+        """Vertices of each stored map of an environment, by the map's id."""
+        answer = self.bus.ask(topics.MAPS, GraphQuery(environment=environment), timeout=5.0)
+        return {found.record.id: found.vertices for found in answer.maps}
+
+    def drive_by_hand(self, route, settings=None):
+        """Starts a human who drives a route until stopped."""
+        return Human(self, route, settings or self.pace)
+
+
+class Human:
+    """Drives by hand in a thread of its own."""
+
+    def __init__(self, robot, route, settings):
+        self.recorder = Recorder(robot.bus)
+        self._driver = Driver(route, settings)
+        self._teleop = robot.bus.publisher(topics.TELEOP)
+        self._stop = threading.Event()
+        self.arrived = threading.Event()
+        self._thread = threading.Thread(target=self._drive, daemon=True)
+        self._thread.start()
+
+    def _drive(self):
+        while not self._stop.wait(0.05):
+            truth = self.recorder.truth()
+            command = None if truth is None else self._driver.command(truth.T_world_vehicle, 0.05)
+            if truth is not None and command is None:
+                self.arrived.set()
+            v, w = command or (0.0, 0.0)
+            self._teleop.put(VelocityCommand(stamp=now_ns(), v=v, w=w))
+
+    def stop(self):
+        self._stop.set()
+        self._thread.join()
+        return self.recorder.stop()
+
+
+def state_is(subscription, *names):
+    """Whether the newest state has one of these names."""
+    received = subscription.last()
+    return received is not None and received.message.name in {StateName(name) for name in names}
