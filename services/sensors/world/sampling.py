@@ -82,9 +82,13 @@ def filtered(
     the renderer's innermost loop.
     """
     major, minor, step_s, step_t, _ = footprint
-    out[:count] = np.uint64(0)
+    initial = np.uint64(0)
     if major > _FLAT * _FLAT:
-        out[:count] = _spread(texels[start + (_FOURS & ((1 << 2 * (log + 1)) - 4))]) << _U8
+        initial = _spread(texels[start + (_FOURS & ((1 << 2 * (log + 1)) - 4))]) << _U8
+    # Slices are assigned by a slow general routine: most spans are a few pixels of a leaf.
+    for i in range(count):
+        out[i] = initial
+    if major > _FLAT * _FLAT:
         return
     halvings, level, coarse = _probes(major, minor, log)
     if halvings == 0:

@@ -179,7 +179,9 @@ def _span(
             spread_out(words[1], count, QUARTER_OF_16)
             spread_out(words[2], count, QUARTER_OF_32)
     if width == 1:
-        words[2, :count] = halves(light_charts[indices[name, CHART_START]]) << U16
+        evenly = halves(light_charts[indices[name, CHART_START]]) << U16
+        for i in range(count):
+            words[2, i] = evenly
     elif width > 1:
         places_along(lines, 9, u, v, 1, count, xy)
         chart_light(light_charts, indices[name, CHART_START], width, indices[name, CHART_HEIGHT], xy, count, words[2])
