@@ -7,8 +7,8 @@ from cli.errors import CommandError
 from cli.robot import load
 from cli.waiting import RepeatWatch
 from common import topics
-from common.messages import State, StateName, now_ns
-from tests.processes import Robot
+from common.messages import State, StateName, VelocityCommand, now_ns
+from tests.processes import Robot, eventually
 
 
 @pytest.fixture
@@ -20,7 +20,8 @@ def robot(tmp_path):
 @pytest.fixture
 def navigator(robot):
     """Shows a state as the navigator does."""
-    publisher = robot.act_as("navigator").publisher(topics.STATE)
+    bus = robot.act_as("navigator")
+    publisher = bus.publisher(topics.STATE)
 
     def show(name, reason="", **fields):
         stamp = now_ns()
@@ -29,10 +30,23 @@ def navigator(robot):
     return show
 
 
+def _route_is_known(robot, bus):
+    """Waits until what ``bus`` subscribed to is known everywhere: the router takes declarations in their order."""
+    probe = bus.subscribe(topics.DESIRED)
+    publisher = robot.bus("tracker").publisher(topics.DESIRED)
+
+    def heard():
+        publisher.put(VelocityCommand(stamp=now_ns(), v=0.0, w=0.0))
+        return probe.wait(0.05)
+
+    eventually(heard, "the watch is known to the router")
+
+
 def _watched(robot, story):
     """What a watch says of the states that ``story`` shows once it listens."""
     with client.connect(load(robot.config)) as bus:
         watch = RepeatWatch(bus)
+        _route_is_known(robot, bus)
         story()
         return watch.until_done()
 
