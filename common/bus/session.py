@@ -37,6 +37,9 @@ _PRIORITIES = {
 _SWITCH_INTERVAL_S = 0.0005
 """A busy Python thread would hold Zenoh's callbacks back by 5-10 ms at the interpreter's default."""
 
+_LEASE_MS = 3000
+"""Silence after which a link is given up. A starved process is not a dead one; one that hangs shows by its data's age."""
+
 _REQUESTS_WAITING = 256
 
 _LATER = "later\n"
@@ -60,7 +63,7 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: fl
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": shared_memory,
         "timestamping/enabled": True,
-        "transport/link/tx/lease": 1000,
+        "transport/link/tx/lease": _LEASE_MS,
     }
     if mode == "client":
         settings["connect/timeout_ms"] = -1 if timeout is None else round(timeout * 1000)

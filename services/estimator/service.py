@@ -24,6 +24,7 @@ from services.estimator.stereo.pipeline import StereoPipeline, StereoSubmap
 from services.estimator.stereo.preprocessing import ImageError
 from services.estimator.stereo.warm_up import warm_up
 from services.estimator.submaps import SubmapCache
+from services.estimator.wheels import WheelMotion
 
 log = structlog.get_logger()
 
@@ -50,12 +51,14 @@ class Estimator:
         self._service = service
         self._settings = settings
         self._frames = bus.subscribe(topics.STEREO, settings.camera)
+        self._wheels = bus.subscribe(topics.WHEEL_ODOMETRY)
         self._states = bus.subscribe(topics.STATE)
         self._routes = bus.subscribe(topics.ROUTE)
         self._odometry = bus.publisher(topics.ODOMETRY)
         self._localization = bus.publisher(topics.LOCALIZATION)
         self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
         self._submaps: SubmapCache[StereoSubmap] = SubmapCache(self._fetch, self._read)
+        self._wheel_motion = WheelMotion(settings.wheels)
         self._camera: m.CameraModel | None = None
         self._pipeline: StereoPipeline | None = None
         self._recorder: Recorder | None = None
@@ -86,7 +89,7 @@ class Estimator:
         """One frame through the stages that the state asks for."""
         pipeline = self._pipeline_of(frame.camera)
         try:
-            step = pipeline.process(frame)
+            step = pipeline.process(frame, self._driven(frame.stamp))
         except ImageError as error:
             log.warning("a frame cannot be used", reason=str(error))
             return
@@ -99,6 +102,12 @@ class Estimator:
             self._localize(pipeline, step, state)
             self._record(pipeline, step, state)
         self._last_step = step
+
+    def _driven(self, stamp: int) -> Uncertain | None:
+        """The vehicle's motion since the last frame by its wheels, if they tell."""
+        wheels = self._wheels.fresh()
+        seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
+        return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)
 
     def _pipeline_of(self, camera: m.CameraModel) -> StereoPipeline:
         """The pipeline of a camera; another calibration starts another one."""

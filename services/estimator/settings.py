@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from services.estimator.chain import ChainSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
+from services.estimator.wheels import WheelSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +19,11 @@ class Settings:
         stereo: the pipeline's five stages.
         chain: the localization chain.
         window: submaps that are fetched and searched.
+        wheels: how far wheel odometry is believed.
     """
 
     camera: str = "front"
     stereo: StereoSettings = field(default_factory=StereoSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
+    wheels: WheelSettings = field(default_factory=WheelSettings)

@@ -115,7 +115,7 @@ class StereoOdometry:
         step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
         T_keyframe_live = motion.T_keyframe_last @ step
         solution, matches = self._measure(keyframe, frame, T_keyframe_live, times)
-        if solution is None and prior is None:
+        if solution is None:
             wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
             solution, matches = self._measure(keyframe, frame, motion.T_keyframe_last @ wide, times)
         return self._conclude(frame, motion, seconds, T_keyframe_live, solution, matches, times)
