@@ -1,4 +1,4 @@
-"""How long the synthetic world takes: a pair of images, its stages, a new position of the sun, rays."""
+"""How long the synthetic world takes: a pair of images, a new position of the sun, rays; beside embree's rays."""
 
 from __future__ import annotations
 
@@ -9,44 +9,76 @@ from datetime import timedelta
 
 import numpy as np
 
+from bench import table
+from common.geometry import Array
 from services.sensors.world import World, WorldSettings
 
 _PLACES = 24
+_RAYS = 32768
 
 
-def user_seconds(work: Callable[[], object]) -> float:
-    """User CPU seconds of a call."""
+def user_milliseconds(work: Callable[[], object]) -> float:
+    """CPU milliseconds of a call."""
     start = time.process_time()
     work()
-    return time.process_time() - start
+    return 1e3 * (time.process_time() - start)
 
 
-def pair_milliseconds(world: World) -> tuple[float, float]:
-    """Median and greatest user CPU time of a stereo pair around the demo's route."""
+def pixel_rays(world: World) -> tuple[Array, Array]:
+    """Origins and unit directions (N, 3) in the world of the rays through every pixel of both cameras."""
+    c = world.camera
+    u, v = np.meshgrid(np.arange(c.width), np.arange(c.height))
+    rays = np.stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(u.shape)], axis=-1).reshape(-1, 3)
+    T = world.T_world_vehicle @ c.T_vehicle_camera
+    directions = np.tile(rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ T[:3, :3].T, (2, 1))
+    eyes = T[:3, 3] + np.outer([0.0, c.baseline], T[:3, 0])
+    return np.repeat(eyes, len(rays), axis=0), directions
+
+
+def around_the_route(world: World, work: Callable[[], object]) -> tuple[float, float]:
+    """Median and greatest CPU milliseconds of ``work`` at places around the demo's route."""
     route = world.scene.demo_route()
-    world.warm_up()
     spent = []
     for k in np.linspace(0, len(route) - 1, _PLACES).astype(int):
         world.place(*route[k])
-        spent.append(1e3 * user_seconds(world.render))
+        spent.append(user_milliseconds(work))
     return float(np.median(spent)), max(spent)
+
+
+def _row(name: str, median: float, most: float) -> list[object]:
+    return [name, median, most, 1e3 / median, 1e3 / most]
 
 
 def main() -> None:
     """Print the table."""
-    print(f"{'what':44}{'median':>10}{'most':>10}")
+    rows: list[list[object]] = []
     for samples in (1, 2):
         settings = WorldSettings()
         world = World(replace(settings, imaging=replace(settings.imaging, samples=samples)))
-        median, most = pair_milliseconds(world)
-        print(f"{f'stereo pair 640x400, {samples}x{samples} samples, ms':44}{median:10.1f}{most:10.1f}")
-        print(f"{'  pairs a second on one core':44}{1e3 / median:10.1f}{1e3 / most:10.1f}")
-    later = world.settings.time + timedelta(hours=2)
-    print(f"{'new shadows, s':44}{user_seconds(lambda: world.set_time(later)):10.2f}")
-    angle = np.linspace(0.0, 2.0 * np.pi, 32768)
+        world.warm_up()
+        rows.append(_row(f"stereo pair, {samples}x{samples} samples a pixel", *around_the_route(world, world.render)))
+    # The peer only finds what each pixel shows; it neither shades nor exposes.
+    rows.append(_row("embree: first hits of a pair", *around_the_route(world, lambda: _cast(world))))
+    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS)
     directions = np.stack([np.cos(angle), np.sin(angle), np.full_like(angle, -0.05)], axis=-1) / np.hypot(1.0, 0.05)
     origins = np.broadcast_to(world.T_world_vehicle[:3, 3] + [0.0, 0.0, 1.0], directions.shape)
-    print(f"{'32768 rays, ms':44}{1e3 * user_seconds(lambda: world.cast_rays(origins, directions)):10.1f}")
+    scan = user_milliseconds(lambda: world.cast_rays(origins, directions))
+    rows.append(_row(f"scan of {_RAYS} rays", scan, scan))
+    later = world.settings.time + timedelta(hours=2)
+    bake = user_milliseconds(lambda: world.set_time(later))
+    rows.append(_row("new shadows", bake, bake))
+    c = world.camera
+    table.show(
+        f"synthetic world: CPU time, stereo of {c.width}x{c.height}",
+        ["what", "median ms", "most ms", "a second", "at worst"],
+        rows,
+        f"pairs at {_PLACES} places of the demo's route; embree casts one ray a pixel and shades nothing",
+    )
+
+
+def _cast(world: World) -> object:
+    """What both cameras see, by ray casting."""
+    return world.cast_rays(*pixel_rays(world))
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ _SWITCH_INTERVAL_S = 0.0005
 """A busy Python thread would hold Zenoh's callbacks back by 5-10 ms at the interpreter's default."""
 
 _LEASE_MS = 3000
-"""Silence after which a link is given up. A starved process is not a dead one; one that hangs shows by its data's age."""
+"""Silence after which a link is given up: a starved process is not a dead one, and one that hangs shows by its data."""
 
 _REQUESTS_WAITING = 256
 

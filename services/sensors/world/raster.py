@@ -29,7 +29,7 @@ def rasterise(
     samples: int,
     inverse_depth: Floats,
     polygon: NDArray[np.int32],
-    screen: Array,
+    screen: Floats,
     scratch: Array,
 ) -> None:
     """Fill the sample grids of a camera.
@@ -39,8 +39,8 @@ def rasterise(
     pixel: sample (i, j) is at v = (i + 0.5) / samples - 0.5, likewise u.
 
     Writes ``inverse_depth`` (H*s, W*s) 1/m, 0 for the sky; ``polygon`` (H*s, W*s), -1 for the sky; and for each
-    polygon that was drawn a row of ``screen`` (N, 15), five functions linear in the pixel ``[u, v, 1]``: 1/z, then
-    the coordinates of ``maps`` (N, 4, 4) divided by z. ``scratch`` (8, 8) is overwritten.
+    polygon that was drawn a row of ``screen`` (N, 16), a line of cache, five functions linear in the pixel
+    ``[u, v, 1]``: 1/z, then the coordinates of ``maps`` (N, 4, 4) divided by z. ``scratch`` (8, 8) is overwritten.
     """
     rows, columns = inverse_depth.shape
     inverse_depth[:] = 0.0
@@ -78,7 +78,7 @@ def _distance(normal: Array, corner: Floats, centre: Array) -> float:
 
 @kernel
 def _to_screen(
-    normal: Array, distance: float, maps: Array, R: Array, centre: Array, intrinsics: Array, out: Array
+    normal: Array, distance: float, maps: Array, R: Array, centre: Array, intrinsics: Array, out: Floats
 ) -> None:
     """A polygon's row of ``screen``.
 
@@ -95,7 +95,7 @@ def _to_screen(
 
 
 @kernel
-def _linear(q: Array, R: Array, intrinsics: Array, divisor: float, out: Array) -> None:
+def _linear(q: Array, R: Array, intrinsics: Array, divisor: float, out: Floats) -> None:
     """The coefficients (3,) of ``q . (R^T ray) / divisor`` in the pixel ``[u, v, 1]``, with q (3,) of the world."""
     fx, fy, cx, cy = intrinsics
     a = (R[0, 0] * q[0] + R[0, 1] * q[1] + R[0, 2] * q[2]) / (fx * divisor)

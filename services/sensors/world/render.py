@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array
-from services.sensors.world.geometry import Floats, Geometry
+from services.sensors.world.geometry import CHART_START, MATERIAL, Floats, Geometry
 from services.sensors.world.lightmaps import LightMaps
 from services.sensors.world.raster import rasterise
 from services.sensors.world.scene import Scene
 from services.sensors.world.settings import WorldSettings
-from services.sensors.world.shade import SCRATCH, shade
+from services.sensors.world.shade import SCRATCH, WORDS, shade
 from services.sensors.world.spectra import REFLECTANCES, band_sensitivities, illuminant, responses
 from services.sensors.world.sun import Daylight
 from services.sensors.world.textures import sky_clouds
@@ -21,12 +21,17 @@ from services.sensors.world.textures import sky_clouds
 
 @dataclass(frozen=True, slots=True)
 class _Lit:
-    """The light maps, what the bands see of each endmember in sun and under the sky, and the sky's own light."""
+    """The light maps, what the bands see of each endmember in sun and under the sky, and the sky's own light.
+
+    ``evenly`` (N, 12) float32 is what the three bands receive of each of a polygon's four lanes at its first sample
+    of light.
+    """
 
     maps: LightMaps
     sun: Array
     sky: Array
     backdrop: Array
+    evenly: Floats
 
 
 class Renderer:
@@ -41,7 +46,7 @@ class Renderer:
         self._clouds = sky_clouds(np.random.default_rng(settings.scene.seed), settings.clouds)
         c = settings.rig
         self._intrinsics = np.array([c.fx, c.fy, c.cx, c.cy])
-        self._screen = np.zeros((len(geometry.corners), 15))
+        self._screen = np.zeros((len(geometry.corners), 16), np.float32)
         self._scratch = np.zeros((8, 8))
         self._lit = self._lighting(light, maps)
 
@@ -57,7 +62,17 @@ class Renderer:
         sun = illuminant(light.sun_temperature, light.sun_irradiance)
         sky = illuminant(light.sky_temperature, light.sky_irradiance)
         in_sun, in_sky = (responses(REFLECTANCES, spectrum, self._bands) for spectrum in (sun, sky))
-        return _Lit(maps, in_sun, in_sky, self._backdrop(light))
+        return _Lit(maps, in_sun, in_sky, self._backdrop(light), self._evenly(maps, in_sun, in_sky))
+
+    def _evenly(self, maps: LightMaps, in_sun: Array, in_sky: Array) -> Floats:
+        """Per polygon and lane what the bands receive: it depends on no view, so it is kept."""
+        g = self._geometry
+        first = g.indices[:, CHART_START].clip(max=len(maps.charts) - 1)
+        sample = maps.charts[first]
+        sunlit, skylit = ((s / 65535.0)[:, None, None] for s in (sample & 0xFFFF, sample >> 16))
+        material = g.indices[:, MATERIAL]
+        colours = g.weights[..., None] * (sunlit * in_sun[material] + skylit * in_sky[material])
+        return np.ascontiguousarray(colours.reshape(-1, 12).astype(np.float32))
 
     @property
     def baked_for(self) -> Array:
@@ -94,10 +109,11 @@ class Renderer:
         image = np.empty((self._camera.height, self._camera.width, 3), np.float32)
         g, t = self._geometry, self._textures
         shade(
-            polygon, self._screen, self._samples, g.weights, g.indices, t.texels, t.starts, t.logs,
+            polygon, self._screen, self._samples, g.weights, g.indices, lit.evenly, t.texels, t.starts, t.logs,
             lit.maps.ground, lit.maps.charts, lit.sun, lit.sky, lit.backdrop, self._clouds,
             rotation, self._intrinsics,
-            np.empty((2, SCRATCH), np.int64), np.empty((3, SCRATCH), np.uint64), image,
+            np.zeros((2, SCRATCH), np.int32), np.zeros((WORDS, SCRATCH), np.uint32),
+            np.empty((3, SCRATCH), np.float32), image,
         )  # fmt: skip
         return image
 
