@@ -10,7 +10,7 @@ import typer
 from cli.app import app
 from common.errors import RetraverseError
 
-FAILED, UNEXPECTED = 1, 3
+FAILED, UNEXPECTED, INTERRUPTED = 1, 3, 130
 
 
 def main() -> None:
@@ -19,17 +19,19 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Runs a command; its exit code: 0, 1 where it could not be done, 2 where it is no command, 3 for a defect."""
+    """Runs a command; its exit code: 0, 1 not done, 2 no such command, 3 a defect, 130 interrupted."""
     try:
         status = app(arguments, prog_name="vtr", standalone_mode=False)
     except RetraverseError as error:
         return _fail(str(error), FAILED)
     except typer.TyperException as error:
-        return _fail(error.format_message(), error.exit_code)
+        return _fail(error.format_message().replace("Value error, ", ""), error.exit_code)
     except typer.Abort:
         return _fail("interrupted", FAILED)
     except Exception as error:  # noqa: BLE001, a defect ends as a sentence too
         return _defect(error, debug="--debug" in arguments)
+    if status == INTERRUPTED:
+        return _fail("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else 0
 
 

@@ -26,17 +26,18 @@ def bring_up(config: Path | None, *, detach: bool, as_json: bool) -> None:
     supervised = Supervised(robot.find(config))
     # SIGTERM ends the foreground as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with contextlib.suppress(KeyboardInterrupt):
-        supervised.start(detached=detach)
-        try:
-            with _display(supervised.table) as on_change:
-                supervised.wait_ready(on_change=on_change)
-            _announce(supervised, as_json=as_json)
-            if not detach:
+    supervised.start(detached=detach)
+    try:
+        with _display(supervised.table) as on_change:
+            supervised.wait_ready(on_change=on_change)
+        _announce(supervised, as_json=as_json)
+        if not detach:
+            with contextlib.suppress(KeyboardInterrupt):
                 _stay(supervised)
-        except BaseException:
             supervised.stop()
-            raise
+    except BaseException:
+        supervised.stop()
+        raise
 
 
 def bring_down(config: Path | None, *, as_json: bool) -> None:

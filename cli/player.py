@@ -22,6 +22,7 @@ _FIRST_ANSWER_S = 120.0
 """The estimator prepares for a camera that it has not met before."""
 
 _ANSWER_S = 10.0
+_AGAIN_S = 2.0
 _STATE_S = 10.0
 _POLL_S = 0.1
 
@@ -63,20 +64,23 @@ class Player:
     def teach(self, command: Command, on_frame: OnFrame) -> Played:
         """Teaches the recording as a map, each frame of which the estimator has used.
 
-        It is played at its rate, or as fast as the estimator where that is slower. The first frame is shown once
-        before anything is begun, so that what cannot be used changes nothing.
+        It is played at its rate, or as fast as the estimator where that is slower. Every frame is read, and the first
+        one shown, before anything is begun, so that what cannot be used changes nothing.
 
         Raises:
+            RecordingError: an image cannot be read.
             CommandError: the estimator does not answer, or the teach did not begin or was ended by somebody else; a
                 map that was begun is finished as it stands.
         """
-        self._await_used(self._publish(self._recording[0]), _FIRST_ANSWER_S, 0)
+        for _ in self._recording:
+            pass  # an image that cannot be read ends it here
+        self._use(self._recording[0], 0, _FIRST_ANSWER_S)
         order(self._bus, command)
         try:
             taught = self._await_branch()
             start = time.monotonic()
             for index, pair in enumerate(self._on_time()):
-                self._await_used(self._publish(pair), _ANSWER_S, index)
+                self._use(pair, index, _ANSWER_S)
                 self._check_teaching()
                 on_frame()
             seconds = time.monotonic() - start
@@ -104,11 +108,17 @@ class Player:
         self._frames.put(StereoFrame(stamp=stamp, camera=self._camera, left=pair.left, right=pair.right))
         return stamp
 
-    def _await_used(self, stamp: int, deadline: float, index: int) -> None:
+    def _use(self, pair: StereoPair, index: int, deadline: float) -> None:
+        """Publishes a pair until the estimator has used it: the bus drops frames rather than delay what follows."""
+        stamps: set[int] = set()
         end = time.monotonic() + deadline
-        while (remaining := end - time.monotonic()) > 0:
-            received = self._odometry.wait(min(remaining, _POLL_S))
-            if received is not None and received.message.stamp == stamp:
+        again = 0.0
+        while (now := time.monotonic()) < end:
+            if now >= again:
+                stamps.add(self._publish(pair))
+                again = now + _AGAIN_S
+            received = self._odometry.wait(_POLL_S)
+            if received is not None and received.message.stamp in stamps:
                 return
         raise CommandError(
             f"the estimator did not use frame {index} within {deadline:.0f} s: its log and vtr ps say why"

@@ -76,8 +76,8 @@ class Supervised:
             raise CommandError(
                 f"robot '{name}' is already running under supervisor {self.client.pid()}: vtr down stops it"
             )
-        self.files.make()
         endpoints.parse(self.config.bus.endpoint).check_free()
+        self.files.make()
         self.files.configuration.write_text(render(self.files, self.table), encoding="utf-8")
         self._daemon = self._spawn(detached=detached)
         try:

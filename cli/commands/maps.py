@@ -66,7 +66,11 @@ def rm(
 
     with client.connect(robot.load(config)) as bus:
         summary = find(bus, map_id)
-        if not yes and sys.stdin.isatty():
+        if not yes:
+            if not sys.stdin.isatty():
+                raise CommandError(
+                    f"nothing was removed: give --yes, for nobody can be asked about {summary.record.id}"
+                )
             question = f"remove {summary.record.id} ({summary.vertices} vertices, {summary.length:.1f} m)?"
             if not typer.confirm(question, err=True):
                 raise CommandError("nothing was removed")

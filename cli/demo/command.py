@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,10 @@ import typer
 
 from cli import output
 from cli.errors import CommandError
+
+ROBOT_NAME = "demo"
+CONFIG_START = f'[robot]\nname = "{ROBOT_NAME}"\n'
+"""How the configuration of a demo begins."""
 
 
 def demo(
@@ -29,11 +34,8 @@ def demo(
     from cli.demo.story import Offset, Story, write_config
 
     folder = out.expanduser().absolute()
-    data = folder / "data"
-    if data.exists():
-        shutil.rmtree(data)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_config(folder / "robot.toml", data)
+    prepare(folder)
+    write_config(folder / "robot.toml", folder / "data")
     offset = Offset(lateral_offset, heading_offset)
     with output.progress() as bar:
         task = bar.add_task("starting", total=1.0)
@@ -54,3 +56,27 @@ def demo(
         output.console().print(f"report: {folder / 'report.json'}   plot: {folder / 'path.png'}")
     if report.final_state != "Idle":
         raise CommandError(f"the repeat did not end at its goal: {report.final_state}, {report.final_reason}")
+
+
+def prepare(folder: Path) -> None:
+    """Makes the demo's folder, or clears away the robot of the last demo there; what is another's stays untouched.
+
+    Raises:
+        CommandError: the folder cannot be written to, holds another robot's configuration, or a demo runs in it.
+    """
+    from cli.supervision import Supervised
+
+    config = folder / "robot.toml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        if not config.exists():
+            return
+        if not config.read_text(encoding="utf-8").startswith(CONFIG_START):
+            raise CommandError(f"{config} is not of a demo: give another folder with --out")
+        if Supervised(config).running():
+            raise CommandError(f"a demo is running in {folder}: wait for its end, or give another folder with --out")
+        shutil.rmtree(folder / "data" / ROBOT_NAME, ignore_errors=True)
+    except OSError as error:
+        raise CommandError(f"cannot write to {folder}: {error.strerror}; give another folder with --out") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import time
 from collections.abc import Callable
@@ -47,7 +48,7 @@ def write_config(path: Path, directory: Path) -> None:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     path.write_text(
-        f'[robot]\nname = "demo"\nenvironment = "garden"\ndirectory = "{directory}"\n\n'
+        f'[robot]\nname = "demo"\nenvironment = "garden"\ndirectory = {json.dumps(str(directory))}\n\n'
         f'[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n[sensors]\ndriver = "synthetic"\n',
         encoding="utf-8",
     )

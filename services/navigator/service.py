@@ -236,10 +236,13 @@ class Navigator:
         self._check_startable("repeat", StateName.REPEAT_PLAN)
         if not command.goal:
             raise MissionRefused("a repeat needs a goal: a place, a map, or a vertex as map:index")
-        if not self._maps(environment):
+        maps = self._maps(environment)
+        if not maps:
             raise MissionRefused(f"environment '{environment}' has no map that could be repeated: teach one first")
+        if command.vertex is not None:
+            _check_exists(command.vertex, maps, environment)
         start = self._where(command, environment)
-        if start is None:
+        if start is None or not _exists(start, maps):
             raise MissionRefused(f"it is unknown where the robot stands in '{environment}': name its vertex")
         with self._changing() as machine:
             attempt = machine.repeat(time.monotonic(), environment, start, command.goal)

@@ -26,3 +26,13 @@ class Settings:
     frame_rate: float = 10.0
     base_rate: float = 50.0
     world: WorldSettings = field(default_factory=WorldSettings)
+
+    def __post_init__(self) -> None:
+        """Refuses rates that are none.
+
+        Raises:
+            ValueError: a rate is not positive.
+        """
+        for name in ("frame_rate", "base_rate"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` is {getattr(self, name)} Hz; it must be positive.")

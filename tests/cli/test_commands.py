@@ -96,6 +96,7 @@ def test_robot_toml_of_the_present_folder_is_used(vtr, write_config):
         ("[tracker]\nperiodd_s = 0.1\n", ("tracker.periodd_s", "'period_s'")),
         ("[trakcer]\n", ("[trakcer]", "'tracker'")),
         ('[sensors]\ndriver = "lidar"\n', ("sensors.driver", "lidar")),
+        ("[sensors]\nframe_rate = 0.0\n", ("frame_rate", "positive")),
         ("[sensors\n", ("TOML",)),
     ],
 )
@@ -106,13 +107,14 @@ def test_a_wrong_configuration_starts_nothing(vtr, write_config, tmp_path, table
     assert not (tmp_path / "data").exists()
 
 
-def test_a_port_in_use_starts_nothing(vtr, write_config):
+def test_a_port_in_use_starts_nothing(vtr, write_config, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         result = vtr("up", write_config(endpoint=endpoint), "--detach")
     assert result.code == 1
     assert endpoint in result.sentence
     assert "in use" in result.sentence
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_directory_that_cannot_be_made_starts_nothing(vtr, write_config, tmp_path):
@@ -120,6 +122,31 @@ def test_a_directory_that_cannot_be_made_starts_nothing(vtr, write_config, tmp_p
     result = vtr("up", write_config(), "--detach")
     assert result.code == 1
     assert "cannot write to" in result.sentence
+
+
+def test_a_demo_needs_a_folder_that_it_can_write_to(vtr, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = vtr("demo", "--out", tmp_path / "file" / "demo")
+    assert result.code == 1
+    assert "cannot write to" in result.sentence
+
+
+def test_a_demo_leaves_what_is_not_its_own(vtr, write_config, tmp_path):
+    before = write_config().read_text()
+    kept = tmp_path / "data" / "kept"
+    kept.parent.mkdir()
+    kept.write_text("recorded")
+    result = vtr("demo", "--out", tmp_path)
+    assert result.code == 1
+    assert "is not of a demo" in result.sentence
+    assert kept.read_text() == "recorded"
+    assert (tmp_path / "robot.toml").read_text() == before
+
+
+def test_a_pipeline_that_is_not_there_is_named_with_those_that_are(vtr, tmp_path):
+    result = vtr("odometry", tmp_path, "--pipeline", "lidar")
+    assert result.code == 2
+    assert result.sentence == "Invalid value for '--pipeline': 'lidar' is not one of 'stereo'."
 
 
 def test_down_needs_a_running_robot(vtr, write_config):

@@ -12,7 +12,7 @@ from common import topics
 from common.camera import StereoCamera
 from common.ids import VertexId, new_map_id
 from common.messages import Command, Done, MapRecord, Odometry, State, StateName, now_ns
-from services.sensors.recordings import StereoPair
+from services.sensors.recordings import RecordingError, StereoPair
 from tests.processes import Robot, eventually
 
 FRAMES = 7
@@ -99,9 +99,18 @@ def fakes(robot):
     made.close()
 
 
-def _play(robot, role, rate=50.0):
+class Torn(Drive):
+    """A recording one of whose images cannot be read."""
+
+    def __getitem__(self, index):
+        if index == 4:
+            raise RecordingError("the image 4 is truncated")
+        return super().__getitem__(index)
+
+
+def _play(robot, role, rate=50.0, drive=Drive):
     with client.connect(load(robot.config), player.PROCESS) as bus:
-        made = player.Player(bus, Drive(), "front", rate)
+        made = player.Player(bus, drive(), "front", rate)
         return made.teach(Command(action="teach"), lambda: None) if role == "teach" else made.play(lambda: None)
 
 
@@ -119,6 +128,29 @@ def test_an_estimator_that_does_not_answer_begins_no_map(robot, fakes, monkeypat
     with pytest.raises(CommandError, match="frame 0"):
         _play(robot, "teach")
     assert fakes.commands == []
+
+
+def test_an_image_that_cannot_be_read_begins_no_map(robot, fakes):
+    with pytest.raises(RecordingError, match="truncated"):
+        _play(robot, "teach", drive=Torn)
+    assert fakes.commands == []
+    assert fakes.used == []
+
+
+def test_a_frame_that_was_dropped_is_played_again(robot, fakes, monkeypatch):
+    monkeypatch.setattr(player, "_AGAIN_S", 0.2)
+    original, seen = fakes._odometry.put, []
+
+    def lose_the_first_answer_to_three(message):
+        seen.append(fakes.used[-1])
+        if seen.count(3) != 1 or seen[-1] != 3:
+            original(message)
+
+    fakes._odometry.put = lose_the_first_answer_to_three
+    played = _play(robot, "teach")
+    assert played.frames == FRAMES
+    assert fakes.used.count(3) >= 2
+    assert fakes.commands == ["teach", "finish"]
 
 
 def test_a_teach_that_somebody_pauses_is_ended_as_it_stands(robot, fakes):

@@ -215,6 +215,7 @@ def test_refusals_say_why_and_change_nothing(idle):
     idle.robot.kill("estimator")
     cases = {
         "there is no place 'moon'": {"action": "repeat", "goal": "moon", "vertex": START},
+        "environment 'default' has no vertex": {"action": "repeat", "goal": "end", "vertex": VertexId(OLD.id, 99)},
         "a repeat needs a goal": {"action": "repeat", "vertex": START},
         "has no map that could be repeated": {"action": "repeat", "goal": "end"},
         "no map is being taught": {"action": "finish"},
