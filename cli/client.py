@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
-from cli import endpoints
+from cli.supervision import endpoints
 from common import logs
 from common.bus import Bus
 from common.config import RobotConfig

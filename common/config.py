@@ -128,7 +128,7 @@ def _sentence(path: Path, error: ValidationError, kind: type[Any]) -> str:
         return f"{path}: '{'.'.join(location)}' is no setting{_hint(location[-1], _keys(kind, location[:-1]))}"
     if first["type"] == "missing":
         return f"{path}: '{'.'.join(location)}' is missing"
-    return f"{path}: '{'.'.join(location)}': {first['msg']}, got {first['input']!r}"
+    return f"{path}: '{'.'.join(location)}': {first['msg'].removeprefix('Value error, ')}, got {first['input']!r}"
 
 
 def _hint(word: str, known: list[str]) -> str:

@@ -8,8 +8,8 @@ from cli.errors import CommandError
 
 def doctor(*, config: ConfigOption = None, as_json: JsonOption = False) -> None:
     """Check this machine, the robot's configuration, its port, its store and the clock."""
+    from cli.doctor.robot import all_checks
     from cli.output import emit, table
-    from cli.robot_checks import all_checks
 
     checks = all_checks(config)
     failed = [check.name for check in checks if check.verdict == "fail"]

@@ -34,9 +34,9 @@ def localize(
 ) -> None:
     """Teach one recording and localize another on it, offline: coverage, dropouts, errors."""
     from cli.frames import open_frames
-    from cli.offline_report import check_writable, localization_figures, write_localization
     from cli.offline_settings import stereo_settings
     from cli.output import emit, progress
+    from cli.views.offline import check_writable, localization_figures, write_localization
     from services.estimator.offline import run_localization
 
     check_writable(output)

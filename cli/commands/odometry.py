@@ -23,9 +23,9 @@ def odometry(
 ) -> None:
     """Run odometry over a recording, offline: poses, frames a second, and drift where the truth is known."""
     from cli.frames import open_frames
-    from cli.offline_report import check_writable, odometry_figures, poses_text, write
     from cli.offline_settings import stereo_settings
     from cli.output import emit, progress
+    from cli.views.offline import check_writable, odometry_figures, poses_text, write
     from services.estimator.offline import measure_drift, run_odometry
 
     check_writable(output)

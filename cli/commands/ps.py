@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 from cli.arguments import ConfigOption, JsonOption
 
 if TYPE_CHECKING:
-    from cli.process_report import Row
+    from cli.views.processes import Row
 
 
 def ps(*, config: ConfigOption = None, as_json: JsonOption = False) -> None:
     """Show a robot's processes: state, pid, restarts, rates, CPU and memory."""
     from cli import robot
     from cli.output import emit, table
-    from cli.process_report import rows
-    from cli.supervision import Supervised
+    from cli.supervision.supervised import Supervised
+    from cli.views.processes import rows
 
     supervised = Supervised(robot.find(config))
     found = rows(supervised.config, supervised.table, supervised.processes())

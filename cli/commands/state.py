@@ -7,7 +7,7 @@ import typer
 from cli.arguments import ConfigOption, JsonOption
 
 if TYPE_CHECKING:
-    from cli.state_view import StateView
+    from cli.views.state import StateView
 
 _PERIOD_S = 0.2
 
@@ -23,7 +23,7 @@ def state(
     """Show what the robot does, why, what it waits for, and whether safety lets it move."""
     from cli import client, robot
     from cli.output import emit
-    from cli.state_view import StateView, lines
+    from cli.views.state import StateView, lines
 
     with client.connect(robot.load(config)) as bus:
         view = StateView(bus)
@@ -52,7 +52,7 @@ def _watch_text(view: "StateView") -> None:
     from rich.text import Text
 
     from cli.output import console
-    from cli.state_view import lines
+    from cli.views.state import lines
 
     with Live(console=console(), refresh_per_second=1 / _PERIOD_S) as live:
         while True:

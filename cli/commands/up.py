@@ -16,13 +16,13 @@ def up(
     as_json: JsonOption = False,
 ) -> None:
     """Start a robot's processes under the supervisor, until Ctrl-C, or in the background."""
-    from cli.launch import bring_up
+    from cli.supervision.launch import bring_up
 
     bring_up(config, detach=detach, as_json=as_json)
 
 
 def down(config: ConfigArgument = None, *, as_json: JsonOption = False) -> None:
     """Stop a robot's processes and their supervisor."""
-    from cli.launch import bring_down
+    from cli.supervision.launch import bring_down
 
     bring_down(config, as_json=as_json)

@@ -64,7 +64,7 @@ def prepare(folder: Path) -> None:
     Raises:
         CommandError: the folder cannot be written to, holds another robot's configuration, or a demo runs in it.
     """
-    from cli.supervision import Supervised
+    from cli.supervision.supervised import Supervised
 
     config = folder / "robot.toml"
     try:

@@ -17,7 +17,7 @@ from cli import client
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.recorder import Recorder, Recording
 from cli.errors import CommandError
-from cli.supervision import Supervised
+from cli.supervision.supervised import Supervised
 from common import config, topics
 from common.bus import Bus
 from common.geometry import Array

@@ -9,7 +9,7 @@ import pytest
 
 from cli.__main__ import run
 from cli.processes import named
-from cli.supervision import Supervised
+from cli.supervision.supervised import Supervised
 from tests.processes import free_port
 
 

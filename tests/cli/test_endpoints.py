@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from cli.endpoints import parse
+from cli.supervision.endpoints import parse
 from common.errors import ConfigurationError
 
 

@@ -89,7 +89,7 @@ def test_the_state_is_shown_with_every_reason_of_safety(robot, vtr):
 
 
 def test_a_robot_without_navigator_has_no_state(robot, vtr, monkeypatch):
-    monkeypatch.setattr("cli.state_view._DEADLINE_S", 0.2)
+    monkeypatch.setattr("cli.views.state._DEADLINE_S", 0.2)
     result = vtr("state", "-c", robot.config)
     assert result.code == 1
     assert "navigator" in result.sentence

@@ -12,9 +12,9 @@ from cli import client
 from cli.errors import CommandError
 from cli.processes import ROBOT
 from cli.robot import load
-from cli.supervision import Supervised
-from cli.supervisor_client import count_restarts
-from cli.supervisor_files import SupervisorFiles, render
+from cli.supervision.client import count_restarts
+from cli.supervision.files import SupervisorFiles, render
+from cli.supervision.supervised import Supervised
 from common import topics
 from common.errors import ConfigurationError
 from common.messages import GraphQuery

@@ -5,7 +5,7 @@ import pytest
 
 from cli import client, player
 from cli.robot import load
-from cli.supervision import Supervised
+from cli.supervision.supervised import Supervised
 from common import topics
 from common.geometry import inverse
 from common.ids import VertexId

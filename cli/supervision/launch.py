@@ -12,7 +12,7 @@ from cli import robot
 from cli.errors import CommandError
 from cli.output import emit, progress
 from cli.processes import Process
-from cli.supervision import Present, Supervised
+from cli.supervision.supervised import Present, Supervised
 
 _POLL_S = 0.2
 

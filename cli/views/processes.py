@@ -10,7 +10,7 @@ import psutil
 
 from cli import client
 from cli.processes import Process
-from cli.supervisor_client import ProcessState
+from cli.supervision.client import ProcessState
 from common import topics
 from common.bus import Bus
 from common.config import RobotConfig

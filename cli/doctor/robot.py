@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from cli import client, endpoints, robot
-from cli.machine_checks import (
+from cli import client, robot
+from cli.doctor.machine import (
     Check,
     check_clock,
     check_dependencies,
@@ -16,6 +16,7 @@ from cli.machine_checks import (
     check_shared_memory,
 )
 from cli.processes import ROBOT
+from cli.supervision import endpoints
 from common.config import RobotConfig
 from common.errors import ConfigurationError, NoRouter, RetraverseError
 

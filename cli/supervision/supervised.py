@@ -15,11 +15,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from cli import client, endpoints, robot
+from cli import client, robot
 from cli.errors import CommandError
 from cli.processes import ROBOT, Process
-from cli.supervisor_client import ProcessState, SupervisorClient, Unreachable, wait_gone
-from cli.supervisor_files import SupervisorFiles, render
+from cli.supervision import endpoints
+from cli.supervision.client import ProcessState, SupervisorClient, Unreachable, wait_gone
+from cli.supervision.files import SupervisorFiles, render
 
 _ANSWER_DEADLINE_S = 5.0
 _STOP_DEADLINE_S = 4.0
@@ -150,7 +151,7 @@ class Supervised:
             raise CommandError(f"the supervisor does not end: kill -9 {pid} ends it and its processes")
 
     def _spawn(self, *, detached: bool) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-P", "-m", "cli.daemon", str(self.files.configuration)]
+        command = [sys.executable, "-P", "-m", "cli.supervision.daemon", str(self.files.configuration)]
         environment = {
             **os.environ,
             "VTR_CONFIG": str(self.config.path),

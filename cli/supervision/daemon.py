@@ -1,4 +1,4 @@
-"""Runs the supervisor: ``python -m cli.daemon supervisord.conf [--attached]``.
+"""Runs the supervisor: ``python -m cli.supervision.daemon supervisord.conf [--attached]``.
 
 Attached, it ends with the process that started it, however that one ends: a robot whose ``vtr up`` was killed does
 not drive on without anybody watching it.

@@ -1,0 +1,1 @@
+"""What ``vtr doctor`` checks."""
