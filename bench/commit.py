@@ -1,12 +1,11 @@
 """Latency of a commit to the map store, by the size of its keyframe, beside a plain file's write and fsync.
 
-``python -m bench.commit [--folder FOLDER] [--count N]``: the two take turns on the same disk. The store also moves its
-log to its main file meanwhile, from another thread, as the service does.
+The two take turns on the same disk. The store also moves its log to its main file meanwhile, from another thread, as
+the service does.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 import threading
@@ -15,12 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.table import show
 from common import geometry
 from common.ids import VertexId, new_map_id
 from common.messages import Commit, EdgeRecord, Keyframe, MapRecord, VertexRecord, covariance_of, now_ns
 from services.mapstore.store import Store
 
 SIZES_KB = (1, 50, 150, 500, 1500)
+COUNT = 100
 VERTEX_PERIOD_S = 0.01
 """Fifty times as often as a robot makes vertices."""
 
@@ -79,16 +80,17 @@ def measure(folder: Path, count: int, size: int) -> tuple[np.ndarray, np.ndarray
 
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, help="on the disk that is to be measured; a temporary one by default")
-    parser.add_argument("--count", type=int, default=200, help="commits of each size")
-    arguments = parser.parse_args()
-    print("milliseconds | commit    p50      p99 | file and fsync    p50      p99 | ratio of p50")
+    rows = []
     for size_kb in SIZES_KB:
-        with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
-            store, file = measure(Path(folder), arguments.count, size_kb * 1000)
+        with tempfile.TemporaryDirectory() as folder:
+            store, file = measure(Path(folder), COUNT, size_kb * 1000)
         (s50, s99), (f50, f99) = np.percentile(store, [50, 99]), np.percentile(file, [50, 99])
-        print(f"{size_kb:>9} kB | {s50:13.2f} {s99:8.2f} | {f50:21.2f} {f99:8.2f} | {s50 / f50:12.2f}")
+        rows.append([f"{size_kb} kB", s50, s99, f50, f99, s50 / f50])
+    show(
+        "Committing a vertex, ms until it is durable",
+        ["blob", "commit p50", "p99", "file and fsync p50", "p99", "ratio of p50"],
+        rows,
+    )
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.table import show
 from common.geometry import from_xy_yaw
 from services.tracker.follower import PathFollower
 from services.tracker.limits import Limits
@@ -150,21 +151,22 @@ def figures(run: Run, spent: Array, period: float) -> Figures:
 
 
 def main() -> None:
-    """Print the table: the mean over the seeds, of the worst errors the maximum."""
-    print(
-        "| base | follower | RMS cm | max cm | within 5 cm after m | end cm | m/s | jerk m/s3 | rad/s3 | ms a cycle |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    """Prints the table: the mean over the seeds, of the worst errors the maximum."""
     followers = {"model-predictive": model_predictive, "pure pursuit": pure_pursuit, "PID": pid}
-    for base, world in (("known delay", World()), ("delay 0.15 s longer than known, no lag known", UNAWARE)):
+    rows: list[list[object]] = []
+    for base, world in (("delay known", World()), ("0.15 s unknown delay and lag", UNAWARE)):
         for name, make in followers.items():
             runs = [measure(make, seed, _seeded(world, seed)) for seed in SEEDS]
             mean = {key: float(np.mean([getattr(run, key) for run in runs])) for key in Figures.__slots__}
             worst, end = (100 * max(getattr(run, key) for run in runs) for key in ("worst", "end"))
-            print(
-                f"| {base} | {name} | {100 * mean['rms']:.1f} | {worst:.1f} | {mean['converged']:.1f} | {end:.1f} "
-                f"| {mean['speed']:.2f} | {mean['jerk']:.1f} | {mean['turn_jerk']:.1f} | {mean['milliseconds']:.2f} |"
-            )
+            figures_ = [100 * mean["rms"], worst, mean["converged"], end]
+            rows.append([base, name, *figures_, mean["speed"], mean["jerk"], mean["turn_jerk"], mean["milliseconds"]])
+    show(
+        "Following a curved route with slip, lag and delay",
+        ["base", "follower", "RMS cm", "max cm", "settled m", "end cm", "m/s", "jerk m/s3", "rad/s3", "ms a cycle"],
+        rows,
+        note="means over the seeds, of max and end the worst; errors count from 5 m on",
+    )
 
 
 def _seeded(world: World, seed: int) -> World:

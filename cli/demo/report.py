@@ -27,6 +27,7 @@ class Report:
     mean_speed_m_s: float
     start_offset: dict[str, float]
     settling_distance_m: float
+    errors_counted_from_m: float
     lateral_error_m: dict[str, float]
     heading_error_deg: dict[str, float]
     end_error_m: float
@@ -49,6 +50,7 @@ def make_report(taught: Recording, repeated: Recording, offset: dict[str, float]
         mean_speed_m_s=round(length / driving, 3),
         start_offset=offset,
         settling_distance_m=round(settling_distance(errors), 2),
+        errors_counted_from_m=SETTLING_M,
         lateral_error_m=_spread(np.abs(settled.lateral), 4),
         heading_error_deg=_spread(np.degrees(np.abs(settled.heading)), 2),
         end_error_m=round(float(np.linalg.norm(taught.poses()[-1][:3, 3] - repeated.poses()[-1][:3, 3])), 3),
