@@ -21,7 +21,7 @@ Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 MapId = Annotated[str, StringConstraints(pattern=MAP_ID_PATTERN)]
 Text = Annotated[str, StringConstraints(max_length=2000)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
-Positive = Annotated[float, Field(gt=0)]
+Focal = Annotated[float, Field(gt=0, le=1e5)]
 NotNegative = Annotated[float, Field(ge=0)]
 
 
@@ -44,11 +44,11 @@ class CameraModel(Message):
 
     width: Annotated[int, Field(ge=16, le=16384)]
     height: Annotated[int, Field(ge=16, le=16384)]
-    fx: Positive
-    fy: Positive
-    cx: float
-    cy: float
-    baseline: Positive
+    fx: Focal
+    fy: Focal
+    cx: Annotated[float, Field(ge=-1e5, le=1e5)]
+    cy: Annotated[float, Field(ge=-1e5, le=1e5)]
+    baseline: Annotated[float, Field(gt=0, le=100)]
     T_vehicle_camera: Transform
 
     @classmethod
@@ -84,8 +84,8 @@ class WheelOdometry(Message):
     """Speed (m/s, forward) and turn rate (rad/s, to the left) as the wheels report them."""
 
     stamp: Stamp
-    v: float
-    w: float
+    v: Annotated[float, Field(ge=-100, le=100)]
+    w: Annotated[float, Field(ge=-100, le=100)]
 
 
 class Joystick(Message):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import structlog
 
 from common import messages as m
@@ -21,7 +22,6 @@ from services.estimator.route_localizer import RouteLocalizer, single_vertex_pat
 from services.estimator.settings import Settings
 from services.estimator.stereo.features import StereoFrame as Pair
 from services.estimator.stereo.pipeline import StereoPipeline, StereoSubmap
-from services.estimator.stereo.preprocessing import ImageError
 from services.estimator.stereo.warm_up import warm_up
 from services.estimator.submaps import SubmapCache
 from services.estimator.wheels import WheelMotion
@@ -82,17 +82,16 @@ class Estimator:
             if state is not None:
                 self._end_recording(state.message)
             if received is not None:
-                with service.stage("frame"):
-                    self._take(received.message, None if state is None else state.message)
+                try:
+                    with service.stage("frame"):
+                        self._take(received.message, None if state is None else state.message)
+                except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+                    log.warning("a frame cannot be used", reason=str(error))
 
     def _take(self, frame: m.StereoFrame, state: m.State | None) -> None:
         """One frame through the stages that the state asks for."""
         pipeline = self._pipeline_of(frame.camera)
-        try:
-            step = pipeline.process(frame, self._driven(frame.stamp))
-        except ImageError as error:
-            log.warning("a frame cannot be used", reason=str(error))
-            return
+        step = pipeline.process(frame, self._driven(frame.stamp))
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
         if self._anchor is not None:
