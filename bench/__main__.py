@@ -7,7 +7,7 @@ import importlib
 import pkgutil
 from pathlib import Path
 
-_NOT_A_BENCH = frozenset({"__main__", "table"})
+_NOT_A_BENCH = frozenset({"__main__", "recordings", "table"})
 
 
 def names() -> list[str]:

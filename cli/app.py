@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from cli.commands import doctor, estop, localize, maps, mission, odometry, play, ps, repeat, state, teach, up
+from cli.commands import doctor, estop, localize, maps, mission, odometry, play, position, ps, repeat, state, teach, up
 from cli.demo.command import demo
+from cli.leave_one_out.command import leave_one_out
 
 PROCESSES, OPERATION, DATA = "A robot's processes", "An operator's commands", "Maps and recordings"
 
@@ -14,9 +15,18 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     (PROCESSES, (demo, up.up, up.down, ps.ps, doctor.doctor)),
     (
         OPERATION,
-        (teach.teach, repeat.repeat, mission.pause, mission.resume, mission.cancel, estop.estop, state.state),
+        (
+            teach.teach,
+            repeat.repeat,
+            mission.pause,
+            mission.resume,
+            mission.cancel,
+            estop.estop,
+            position.position,
+            state.state,
+        ),
     ),
-    (DATA, (play.play, odometry.odometry, localize.localize)),
+    (DATA, (play.play, odometry.odometry, localize.localize, leave_one_out)),
 )
 
 app = typer.Typer(

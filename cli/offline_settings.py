@@ -1,4 +1,4 @@
-"""The pipeline's settings for a run without a robot: a configuration's, or the defaults."""
+"""The estimator's settings for a run without a robot: a configuration's, or the defaults."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from services.estimator.settings import Settings
 from services.estimator.stereo import StereoSettings
 
 
-def stereo_settings(config: Path | None) -> StereoSettings:
-    """``[estimator]``'s stereo pipeline of the configuration that is named, else its defaults.
+def estimator_settings(config: Path | None) -> Settings:
+    """``[estimator]`` of the configuration that is named, else the defaults.
 
     Raises:
         ConfigurationError: the configuration is wrong.
     """
-    if config is None:
-        return StereoSettings()
-    return robot.load(config).settings("estimator", Settings).stereo
+    return Settings() if config is None else robot.load(config).settings("estimator", Settings)
+
+
+def stereo_settings(config: Path | None) -> StereoSettings:
+    """The stereo pipeline's part of :func:`estimator_settings`."""
+    return estimator_settings(config).stereo

@@ -12,7 +12,7 @@ from common.messages import Command, Done
 
 DEADLINE_S = 5.0
 LONG_DEADLINE_S = 20.0
-"""For orders that the navigator answers only when something is stored or planned."""
+"""For orders that the navigator answers only when something is stored, planned, or found."""
 
 
 def order(bus: Bus, command: Command, deadline: float = DEADLINE_S) -> Done:

@@ -78,4 +78,6 @@ Covariance = Annotated[NDArray[np.float64], ArraySpec("<f8", (6, 6))]
 Covariances = Annotated[NDArray[np.float64], ArraySpec("<f8", (None, 6, 6))]
 Twist = Annotated[NDArray[np.float64], ArraySpec("<f8", (6,))]
 Image = Annotated[NDArray[np.uint8], ArraySpec("|u1")]
+Descriptors = Annotated[NDArray[np.uint8], ArraySpec("|u1", (None, 32))]
+"""Binary descriptors of 256 bits."""
 Indices = Annotated[NDArray[np.int32], ArraySpec("<i4")]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+Transfer = float | Literal["srgb"]
+"""How linear intensities became grey levels: by the power ``1 / gamma``, given as gamma, or by sRGB's curve."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,8 @@ class StereoCamera:
         baseline: distance from the left to the right optical centre, metres, positive.
         T_vehicle_camera: (4, 4), from the left camera's optical frame (z forward, x right, y down)
             to the vehicle frame (x forward, y left, z up).
+        wavelengths: where red, green and blue are most sensitive, metres; None where it is unknown, or a grey camera.
+        transfer: the transfer curve, 1 where grey levels are proportional to the light.
     """
 
     width: int
@@ -30,6 +36,8 @@ class StereoCamera:
     cy: float
     baseline: float
     T_vehicle_camera: Array = field(default_factory=lambda: np.array(OPTICAL_IN_VEHICLE))
+    wavelengths: tuple[float, float, float] | None = None
+    transfer: Transfer = 1.0
 
     def project(self, points: ArrayLike) -> Array:
         """Measurements (..., 3) ``[u_left, v, u_right]`` in pixels of points (..., 3) in the optical frame, metres."""

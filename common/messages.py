@@ -12,7 +12,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-from common.arrays import AnyArray, Covariance, Covariances, Image, Indices, Transform, Transforms, Twist
+from common.arrays import AnyArray, Covariance, Covariances, Descriptors, Image, Indices, Transform, Transforms, Twist
 from common.camera import StereoCamera
 from common.ids import MAP_ID_PATTERN, NAME_PATTERN, VertexId
 
@@ -23,6 +23,7 @@ Text = Annotated[str, StringConstraints(max_length=2000)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
 Focal = Annotated[float, Field(gt=0, le=1e5)]
 NotNegative = Annotated[float, Field(ge=0)]
+Wavelength = Annotated[float, Field(ge=1e-7, le=2e-5)]
 
 
 def now_ns() -> int:
@@ -50,6 +51,16 @@ class CameraModel(Message):
     cy: Annotated[float, Field(ge=-1e5, le=1e5)]
     baseline: Annotated[float, Field(gt=0, le=100)]
     T_vehicle_camera: Transform
+    wavelengths: tuple[Wavelength, Wavelength, Wavelength] | None = None
+    transfer: Annotated[float, Field(ge=0.1, le=10)] | Literal["srgb"] = 1.0
+
+    @model_validator(mode="after")
+    def _colours_in_order(self) -> Self:
+        if self.wavelengths is not None:
+            red, green, blue = self.wavelengths
+            if not min(red, blue) < green < max(red, blue):
+                raise ValueError("the peak wavelength of green does not lie between those of red and blue")
+        return self
 
     @classmethod
     def of(cls, camera: StereoCamera) -> Self:
@@ -113,6 +124,12 @@ class Place(Message):
     yaw: float
 
 
+class WorldTime(Message):
+    """Sets the synthetic world's clock, and so its sun, to the moment ``stamp``."""
+
+    stamp: Stamp
+
+
 # --- pose graph ------------------------------------------------------------------------------------------------------
 
 
@@ -132,12 +149,17 @@ class MapRecord(Message):
 
 
 class Keyframe(Message):
-    """What a vertex keeps of its sensor: named arrays of the pipeline that made them, and a picture."""
+    """What a vertex keeps of its sensor: named arrays of the pipeline that made them, and a picture.
+
+    ``appearance`` holds, by stream, the few descriptors by which the place is recognised among all others. The map
+    store keeps it apart: it is asked for by ``graph/appearance``, and ``graph/submap`` answers without it.
+    """
 
     pipeline: Name
     camera: CameraModel | None = None
     arrays: Annotated[dict[str, AnyArray], Field(max_length=64)]
     thumbnail: Annotated[bytes, Field(max_length=200_000)] = b""
+    appearance: Annotated[dict[Name, Descriptors], Field(max_length=8)] = {}
 
 
 class VertexRecord(Message):
@@ -197,6 +219,40 @@ class Submap(Message):
     vertices: list[VertexRecord]
 
 
+class AppearanceQuery(Message):
+    """The appearance of an environment's vertices, but for the first ``known[map]`` of each map."""
+
+    environment: Name
+    known: Annotated[dict[MapId, Count], Field(max_length=100_000)] = {}
+
+
+class Appearances(Message):
+    """Answer to ``graph/appearance``: N vertices of an environment and, by stream, the descriptors of each.
+
+    ``maps`` are all of the environment's, oldest first. Row j of ``vertices`` (N, 2) is ``[k, i]``: vertex i of map k,
+    with ``counts[stream][j]`` descriptors; ``descriptors[stream]`` holds them one vertex after the other. Where
+    ``more``, the answer is one page, and the next is asked for with these vertices known.
+    """
+
+    maps: list[MapRecord]
+    vertices: Indices
+    counts: dict[Name, Indices]
+    descriptors: dict[Name, Descriptors]
+    more: bool
+
+    @model_validator(mode="after")
+    def _arrays_fit(self) -> Self:
+        count = len(self.vertices)
+        if self.vertices.shape != (count, 2) or self.counts.keys() != self.descriptors.keys():
+            raise ValueError("the arrays of the appearances do not belong together")
+        if ((self.vertices < 0) | (self.vertices >= [len(self.maps), 2**31 - 1])).any():
+            raise ValueError("an appearance is of a vertex that no map has")
+        for stream, counts in self.counts.items():
+            if counts.shape != (count,) or (counts < 0).any() or int(counts.sum()) != len(self.descriptors[stream]):
+                raise ValueError(f"the counts of stream {stream} do not fit its descriptors")
+        return self
+
+
 class Topology(Message):
     """Answer to ``graph/topology``: an environment's whole graph without keyframes.
 
@@ -250,7 +306,8 @@ class Localization(Message):
     """The localization chain's state after a frame.
 
     ``trunk`` is the route's vertex that the robot is nearest to and ``trunk_index`` its place in the route.
-    ``T_trunk_robot`` is by localization where ``success``, else dead reckoning from the last one.
+    ``T_trunk_robot`` is by localization where ``success``, else dead reckoning from the last one. ``streams`` says of
+    each stream whether it localized; ``stream`` is the one that the estimate was taken from.
     """
 
     stamp: Stamp
@@ -261,10 +318,31 @@ class Localization(Message):
     covariance: Covariance
     success: bool
     stream: Name
+    streams: Annotated[dict[Name, bool], Field(max_length=8)] = {}
     inliers: Count
     metres_since_success: NotNegative
     seconds_since_success: NotNegative
     reason: Text = ""
+
+
+class Relocalize(Message):
+    """Asks where in an environment the robot stands, of which nothing is known."""
+
+    environment: Name
+
+
+class Relocalization(Message):
+    """Answer to ``relocalize``: the vertex that the robot found itself at, taught if any is near, and its pose there.
+
+    ``stamp`` is that of the frame, ``inliers`` the landmarks that agree, ``stream`` the images that they are of.
+    """
+
+    stamp: Stamp
+    vertex: VertexId
+    T_vertex_robot: Transform
+    covariance: Covariance
+    inliers: Count
+    stream: Name
 
 
 # --- planning and mission --------------------------------------------------------------------------------------------
@@ -312,8 +390,9 @@ class StateName(StrEnum):
 class State(Message):
     """What the robot is doing, why, and what it waits for; published on change and ten times a second.
 
-    ``map`` is the map being taught; ``route`` the id of the route being followed; ``target`` the vertex to
-    localize against; ``position`` the vertex last localized against; ``resumes`` the state behind a pause.
+    ``map`` is the map being taught, or recorded while a route is repeated; ``route`` the id of the route being
+    followed; ``target`` the vertex to localize against; ``position`` the vertex last localized against; ``resumes``
+    the state behind a pause.
     """
 
     stamp: Stamp
@@ -334,8 +413,9 @@ class Command(Message):
     """An operator's command to the navigator.
 
     ``teach`` starts a map (from ``vertex`` if the environment has maps) and ``finish`` ends it, naming its ends
-    ``start_place`` and ``end_place`` where given; ``repeat`` drives to ``goal``; ``position`` tells the robot
-    which vertex it stands at.
+    ``start_place`` and ``end_place`` where given; ``repeat`` drives to ``goal``, and ``record`` says whether an
+    experience is recorded on the way (None: as the robot is configured); ``position`` tells the robot which vertex it
+    stands at or, with ``find``, has it look for itself.
     """
 
     action: Literal["teach", "finish", "repeat", "pause", "resume", "cancel", "position"]
@@ -344,6 +424,8 @@ class Command(Message):
     vertex: VertexId | None = None
     start_place: Name | None = None
     end_place: Name | None = None
+    record: bool | None = None
+    find: bool = False
 
 
 class SafetyCommand(Message):

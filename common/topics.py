@@ -78,10 +78,13 @@ LOCALIZATION = Topic(
     "localization", m.Localization, ("estimator",), _FRAME, rate_hz=10, max_age_s=0.5, priority=Priority.HIGH
 )
 
+RELOCALIZE = Topic("relocalize", m.Relocalize, ("estimator",), _QUERY, answer=m.Relocalization)
+
 COMMIT = Topic("graph/commit", m.Commit, ("mapstore",), _QUERY, answer=m.Done)
 MAPS = Topic("graph/maps", m.GraphQuery, ("mapstore",), _QUERY, answer=m.MapList)
 TOPOLOGY = Topic("graph/topology", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Topology)
 SUBMAP = Topic("graph/submap", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Submap)
+APPEARANCE = Topic("graph/appearance", m.AppearanceQuery, ("mapstore",), _QUERY, answer=m.Appearances)
 REMOVE = Topic("graph/remove", m.GraphQuery, ("mapstore",), _QUERY, answer=m.Done)
 NAME_PLACE = Topic("graph/place", m.NamePlace, ("mapstore",), _QUERY, answer=m.Done)
 
@@ -112,5 +115,6 @@ HEALTH = Topic("health/{name}", m.Health, ("*",), _FRAME, rate_hz=1, max_age_s=3
 
 TRUTH = Topic("truth/pose", m.Truth, ("sensors",), _FRAME, rate_hz=50, max_age_s=0.5)
 TRUTH_PLACE = Topic("truth/place", m.Place, ("sensors",), _QUERY, answer=m.Done)
+TRUTH_TIME = Topic("truth/time", m.WorldTime, ("sensors",), _QUERY, answer=m.Done)
 
 ALL: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))

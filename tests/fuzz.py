@@ -53,6 +53,8 @@ def valid_examples() -> dict[Topic, m.Message]:
         ),
         topics.COMMIT: m.Commit(map=_map(), vertex=_vertex(vertex), edges=[edge], finished=MAP_ID),
         topics.MAPS: part, topics.TOPOLOGY: part, topics.SUBMAP: part, topics.REMOVE: part,
+        topics.APPEARANCE: m.AppearanceQuery(environment="park", known={MAP_ID: 2}),
+        topics.RELOCALIZE: m.Relocalize(environment="park"),
         topics.NAME_PLACE: m.NamePlace(environment="park", place="gate", vertex=vertex),
         topics.PLAN: m.PlanRequest(environment="park", start=vertex, goal="gate"),
         topics.ROUTE: _route(vertex),
@@ -76,6 +78,7 @@ def valid_examples() -> dict[Topic, m.Message]:
         ),
         topics.TRUTH: m.Truth(stamp=STAMP, T_world_vehicle=np.eye(4), v=1.0, w=0.0),
         topics.TRUTH_PLACE: m.Place(x=1.0, y=2.0, yaw=0.5),
+        topics.TRUTH_TIME: m.WorldTime(stamp=STAMP),
     }  # fmt: skip
 
 
@@ -91,6 +94,10 @@ def valid_answers() -> dict[Topic, m.Message]:
         topics.MAPS: m.MapList(maps=[summary]),
         topics.TOPOLOGY: topology,
         topics.SUBMAP: m.Submap(vertices=[_vertex(vertex)]),
+        topics.APPEARANCE: _appearances(),
+        topics.RELOCALIZE: m.Relocalization(
+            stamp=STAMP, vertex=vertex, T_vertex_robot=np.eye(4), covariance=np.eye(6), inliers=90, stream="plain"
+        ),
         topics.PLAN: _route(vertex),
     }
     return {t: special.get(t, m.Done(text="done")) for t in topics.ALL if t.delivery is Delivery.QUERY}
@@ -232,8 +239,16 @@ def _map() -> m.MapRecord:
 
 def _vertex(vertex: VertexId) -> m.VertexRecord:
     arrays: dict[str, NDArray[Any]] = {"points": np.zeros((5, 3)), "descriptors": np.ones((5, 32), np.uint8)}
-    keyframe = m.Keyframe(pipeline="stereo", camera=_camera(), arrays=arrays, thumbnail=b"jpeg")
+    appearance = {"plain": np.ones((2, 32), np.uint8)}
+    keyframe = m.Keyframe(pipeline="stereo", camera=_camera(), arrays=arrays, thumbnail=b"jpeg", appearance=appearance)
     return m.VertexRecord(id=vertex, stamp=STAMP, keyframe=keyframe)
+
+
+def _appearances() -> m.Appearances:
+    return m.Appearances(
+        maps=[_map()], vertices=np.array([[0, 3]], np.int32), counts={"plain": np.array([2], np.int32)},
+        descriptors={"plain": np.ones((2, 32), np.uint8)}, more=False,
+    )  # fmt: skip
 
 
 def _route(vertex: VertexId) -> m.Route:

@@ -23,13 +23,14 @@ def ls(*, environment: EnvironmentOption = None, config: ConfigOption = None, as
 
     with client.connect(robot.load(config)) as bus:
         data = [summary_json(m) for m in list_maps(bus, arguments.name(environment, "--environment"))]
-    columns = ("map", "environment", "time", "vertices", "length m", "MB", "generation", "finished")
+    columns = ("map", "environment", "time", "vertices", "length m", "MB", "generation", "parent", "finished")
     rows = [
         (
             *(m[key] for key in ("id", "environment", "time", "vertices")),
             round(m["length_m"], 1),
             round(m["bytes"] / 1e6, 1),
             m["generation"],
+            m["parent"] or "",
             "yes" if m["finished"] else "no",
         )
         for m in data

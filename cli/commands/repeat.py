@@ -13,7 +13,16 @@ def repeat(
     goal: Annotated[str, typer.Argument(help="A named place, a map's id (its end), or a vertex as map:index.")],
     *,
     vertex: Annotated[
-        str | None, typer.Option("--from", metavar="MAP:INDEX", help="The vertex that the robot stands at.")
+        str | None,
+        typer.Option(
+            "--from", metavar="MAP:INDEX", help="The vertex that the robot stands at; by default it knows, or looks."
+        ),
+    ] = None,
+    record: Annotated[
+        bool | None,
+        typer.Option(
+            "--record/--no-record", help="Record an experience on the way; by default as the robot is configured."
+        ),
     ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Return when the robot is there, or say why not.")] = False,
     environment: EnvironmentOption = None,
@@ -31,6 +40,7 @@ def repeat(
         goal=goal,
         environment=arguments.name(environment, "--environment"),
         vertex=arguments.vertex_id(vertex, "--from"),
+        record=record,
     )
     with client.connect(robot.load(config)) as bus:
         watch = RepeatWatch(bus)

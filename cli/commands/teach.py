@@ -18,14 +18,16 @@ def teach(
     ] = None,
     vertex: Annotated[
         str | None,
-        typer.Option("--from", metavar="MAP:INDEX", help="The stored vertex that the robot stands at."),
+        typer.Option(
+            "--from", metavar="MAP:INDEX", help="The vertex that the robot stands at; by default it knows, or looks."
+        ),
     ] = None,
     environment: EnvironmentOption = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Begin to teach a map: the operator drives, the robot remembers; --finish ends it."""
-    from cli.operator import DEADLINE_S, LONG_DEADLINE_S, carry_out
+    from cli.operator import LONG_DEADLINE_S, carry_out
     from common.messages import Command
 
     if end_place is not None and not finish:
@@ -39,4 +41,4 @@ def teach(
         start_place=arguments.name(start_place, "--start-place"),
         end_place=arguments.name(end_place, "--end-place"),
     )
-    carry_out(config, command, as_json=as_json, deadline=LONG_DEADLINE_S if finish else DEADLINE_S)
+    carry_out(config, command, as_json=as_json, deadline=LONG_DEADLINE_S)

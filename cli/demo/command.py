@@ -25,17 +25,27 @@ def demo(
     speed: Annotated[float, typer.Option(help="Speed of the teaching human, m/s.", min=0.2, max=2.0)] = 1.2,
     lateral_offset: Annotated[float, typer.Option(help="Metres beside the path at which the repeat starts.")] = 0.3,
     heading_offset: Annotated[float, typer.Option(help="Degrees off the path at which the repeat starts.")] = 5.0,
+    teach_time: Annotated[
+        str | None,
+        typer.Option(metavar="HH:MM", help="Time of day of the teach, UTC; noon is at 11:00 in the world [default]."),
+    ] = None,
+    repeat_time: Annotated[
+        str | None, typer.Option(metavar="HH:MM", help="Time of day of the repeat, UTC; by default the teach's.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,  # noqa: FBT002
 ) -> None:
     """Teach a route and repeat it in the synthetic world, with every process of a robot on this machine."""
+    from cli.daylight import times
     from cli.demo.driver import DriverSettings
     from cli.demo.plot import plot_paths
     from cli.demo.report import make_report, print_report, write_report
     from cli.demo.story import Offset, Story, write_config
+    from services.sensors.world import WorldSettings
 
+    light = times(teach_time, repeat_time, WorldSettings())
     folder = out.expanduser().absolute()
     prepare(folder)
-    write_config(folder / "robot.toml", folder / "data")
+    write_config(folder / "robot.toml", folder / "data", light)
     offset = Offset(lateral_offset, heading_offset)
     with output.progress() as bar:
         task = bar.add_task("starting", total=1.0)
@@ -43,10 +53,12 @@ def demo(
             folder / "robot.toml", lambda text, part: bar.update(task, description=text, completed=part)
         ) as story:
             map_id, taught = story.teach(story.route(), DriverSettings(speed=speed))
+            if light.repeat != light.teach:
+                story.set_time(light.repeat)
             repeated = story.repeat(map_id, taught.poses()[0], offset, timeout=3.0 * taught.driving_seconds() + 30.0)
     if not repeated.drove():
         raise CommandError(f"the robot did not drive: {repeated.final_state}, {repeated.final_reason}")
-    report = make_report(taught, repeated, dataclasses.asdict(offset))
+    report = make_report(taught, repeated, dataclasses.asdict(offset), light)
     write_report(report, folder / "report.json")
     plot_paths(taught, repeated, report, folder / "path.png")
     if as_json:

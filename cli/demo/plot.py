@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cli.demo.errors import PathErrors, path_errors
 from cli.demo.recorder import Recording
-from cli.demo.report import SETTLING_M, Report
+from cli.demo.report import SETTLING_M, Report, clock_times
 from common.geometry import Array
 
 _TAUGHT = "#9aa5b1"
@@ -28,8 +28,8 @@ def plot_paths(taught: Recording, repeated: Recording, report: Report, path: Pat
     _draw_lateral(figure.add_subplot(grid[1, 0]), errors, report)
     _draw_heading(figure.add_subplot(grid[1, 1]), errors, report)
     figure.suptitle(
-        f"Taught once, repeated by sight: {report.route_length_m:.0f} m at {report.mean_speed_m_s:.1f} m/s, "
-        f"localized at {report.localization['rate_hz']:.1f} Hz",
+        f"{clock_times(report)}: {report.route_length_m:.0f} m "
+        f"at {report.mean_speed_m_s:.1f} m/s, localized at {report.localization['rate_hz']:.1f} Hz",
         fontsize=14,
         fontweight="bold",
     )

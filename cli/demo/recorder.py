@@ -51,12 +51,25 @@ class Recording:
         return (driving[-1].stamp - driving[0].stamp) / 1e9
 
     def localization_figures(self) -> dict[str, float]:
-        """Successful localizations a second while driving, and the part of frames that were localized."""
-        driving = self.truth[self._driving()]
-        rows = [row for row in self.localizations if driving[0].stamp <= row.stamp <= driving[-1].stamp]
+        """Localizations a second while driving, the part of frames localized, and most metres without one."""
+        rows = self._localized_driving()
         good = sum(row.success for row in rows)
-        seconds = self.driving_seconds()
-        return {"rate_hz": round(good / seconds, 2), "success": round(good / max(len(rows), 1), 4), "frames": len(rows)}
+        return {
+            "rate_hz": round(good / self.driving_seconds(), 2),
+            "success": round(good / max(len(rows), 1), 4),
+            "frames": len(rows),
+            "longest_dead_reckoning_m": round(max((row.metres_since_success for row in rows), default=0.0), 2),
+        }
+
+    def stream_shares(self) -> dict[str, float]:
+        """The part of the localized frames that each stream of images localized."""
+        streams = [row.stream for row in self._localized_driving() if row.success]
+        return {name: round(streams.count(name) / len(streams), 4) for name in sorted(set(streams), reverse=True)}
+
+    def _localized_driving(self) -> list[Localization]:
+        """What was localized, or not, from the first motion to the last."""
+        driving = self.truth[self._driving()]
+        return [row for row in self.localizations if driving[0].stamp <= row.stamp <= driving[-1].stamp]
 
     def latency_figures(self) -> dict[str, float]:
         """From a frame's stamp to the first ``command/safe`` that follows from it, milliseconds."""

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cli.daylight import Times
 from cli.demo.errors import path_errors, settling_distance
 from cli.demo.recorder import Recording
 
@@ -22,6 +23,8 @@ SETTLING_M = 5.0
 class Report:
     """What ``demo/report.json`` holds; see its keys."""
 
+    teach_time: str
+    repeat_time: str
     route_length_m: float
     duration_s: float
     mean_speed_m_s: float
@@ -32,19 +35,22 @@ class Report:
     heading_error_deg: dict[str, float]
     end_error_m: float
     localization: dict[str, float]
+    streams: dict[str, float]
     latency_ms: dict[str, float]
     processes: dict[str, dict[str, float]]
     final_state: str
     final_reason: str
 
 
-def make_report(taught: Recording, repeated: Recording, offset: dict[str, float]) -> Report:
+def make_report(taught: Recording, repeated: Recording, offset: dict[str, float], light: Times) -> Report:
     """The figures of a repeat against the teach that it follows."""
     errors = path_errors(taught.poses(), repeated.poses())
     settled = errors.after(SETTLING_M)
     driving = repeated.driving_seconds()
     length = float(errors.arclength.max())
     return Report(
+        teach_time=light.teach.isoformat(timespec="minutes"),
+        repeat_time=light.repeat.isoformat(timespec="minutes"),
         route_length_m=round(taught.driven_metres(), 2),
         duration_s=round(driving, 1),
         mean_speed_m_s=round(length / driving, 3),
@@ -55,6 +61,7 @@ def make_report(taught: Recording, repeated: Recording, offset: dict[str, float]
         heading_error_deg=_spread(np.degrees(np.abs(settled.heading)), 2),
         end_error_m=round(float(np.linalg.norm(taught.poses()[-1][:3, 3] - repeated.poses()[-1][:3, 3])), 3),
         localization=repeated.localization_figures(),
+        streams=repeated.stream_shares(),
         latency_ms=repeated.latency_figures(),
         processes=repeated.process_figures(),
         final_state=repeated.final_state,
@@ -70,6 +77,20 @@ def _spread(values: np.ndarray[Any, Any], digits: int) -> dict[str, float]:
     }
 
 
+def clock_times(report: Report) -> str:
+    """When it was taught and repeated, in words."""
+    taught, repeated = (text.partition("T")[2].partition("+")[0] for text in (report.teach_time, report.repeat_time))
+    return (
+        f"Taught and repeated at {taught} UTC"
+        if taught == repeated
+        else f"Taught at {taught}, repeated at {repeated} UTC"
+    )
+
+
+def _shares(streams: dict[str, float]) -> str:
+    return ", ".join(f"{name} {share:.1%}" for name, share in streams.items()) or "no stream"
+
+
 def write_report(report: Report, path: Path) -> None:
     """Writes the figures as JSON."""
     path.write_text(json.dumps(asdict(report), indent=2) + "\n", encoding="utf-8")
@@ -77,6 +98,7 @@ def write_report(report: Report, path: Path) -> None:
 
 def print_report(report: Report, console: Console) -> None:
     """Prints the figures as tables."""
+    console.print(clock_times(report))
     table = Table("", "RMS", "95 %", "max", title=f"Repeat of {report.route_length_m:.1f} m")
     for name, row, unit, scale in (
         ("lateral error", report.lateral_error_m, "cm", 100.0),
@@ -90,7 +112,8 @@ def print_report(report: Report, console: Console) -> None:
         f"stopped {report.end_error_m * 100:.0f} cm from the taught end"
     )
     console.print(
-        f"localization {report.localization['rate_hz']:.1f} Hz, {report.localization['success']:.1%} of frames · "
+        f"localization {report.localization['rate_hz']:.1f} Hz, {report.localization['success']:.1%} of frames "
+        f"({_shares(report.streams)}) · "
         f"frame to command/safe {report.latency_ms['p50']:.0f} ms (p50), {report.latency_ms['p99']:.0f} ms (p99)"
     )
     processes = Table("process", "CPU", "memory", "main stage", "p50", "p99", title="Processes while repeating")

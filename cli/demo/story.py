@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,6 +15,7 @@ from typing import Self
 import numpy as np
 
 from cli import client
+from cli.daylight import Times
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.recorder import Recorder, Recording
 from cli.errors import CommandError
@@ -22,13 +24,16 @@ from common import config, topics
 from common.bus import Bus
 from common.geometry import Array
 from common.ids import VertexId
-from common.messages import Command, Done, GraphQuery, MapList, Place, StateName, VelocityCommand, now_ns
+from common.messages import Command, Done, GraphQuery, MapList, Place, StateName, VelocityCommand, WorldTime, now_ns
 from services.sensors.settings import Settings as SensorSettings
 from services.sensors.world import Scene
 
 _DRIVE_PERIOD_S = 0.05
 _READY_S = 120.0
 _SETTLE_S = 1.0
+_LIGHT_S = 60.0
+_EXPOSURE_S = 3.0
+"""What the auto exposure takes to follow a new light."""
 
 Progress = Callable[[str, float], None]
 """Told what is going on, and how much of it is done, 0 to 1."""
@@ -42,16 +47,27 @@ class Offset:
     heading_deg: float = 5.0
 
 
-def write_config(path: Path, directory: Path) -> None:
-    """A robot in the synthetic world with everything at its defaults, on a port that is free now."""
+def write_config(path: Path, directory: Path, light: Times | None = None) -> None:
+    """A robot in the synthetic world with everything at its defaults, on a port that is free now.
+
+    With ``light`` the world begins at the time of the teach. Where the repeat has another the sky is clear: the world's
+    clouds stand still for hours, as none do, and would be landmarks.
+    """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     path.write_text(
         f'[robot]\nname = "demo"\nenvironment = "garden"\ndirectory = {json.dumps(str(directory))}\n\n'
-        f'[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n[sensors]\ndriver = "synthetic"\n',
+        f'[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n[sensors]\ndriver = "synthetic"\n' + _world_table(light),
         encoding="utf-8",
     )
+
+
+def _world_table(light: Times | None) -> str:
+    if light is None:
+        return ""
+    clear = "clouds = 0.0\n" if light.repeat != light.teach else ""
+    return f"\n[sensors.world]\ntime = {light.teach.isoformat()}\n{clear}"
 
 
 class Story:
@@ -97,6 +113,12 @@ class Story:
         self._command(Command(action="finish", end_place="end"), timeout=30.0)
         maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(environment=self._config.robot.environment))
         return maps.maps[-1].record.id, recorder.stop()
+
+    def set_time(self, moment: datetime) -> None:
+        """Moves the world's sun to where it stands at a moment, and gives the camera's exposure time to follow."""
+        self._progress(f"waiting until it is {moment:%H:%M} in the world", 0.0)
+        self.bus.ask(topics.TRUTH_TIME, WorldTime(stamp=round(moment.timestamp() * 1e9)), timeout=_LIGHT_S)
+        time.sleep(_EXPOSURE_S)
 
     def repeat(self, map_id: str, start: Array, offset: Offset, timeout: float) -> Recording:
         """Puts the robot beside the start pose (4, 4) of the taught path and lets it drive to the path's end."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cli.errors import CommandError
+from services.estimator.coverage import dropouts, measure
 from services.estimator.offline import Drift, LocalizationRun, OdometryRun
 
 Array = NDArray[np.float64]
@@ -38,14 +39,19 @@ def odometry_figures(run: OdometryRun, drift: Drift | None) -> dict[str, Any]:
 
 
 def localization_figures(run: LocalizationRun) -> dict[str, Any]:
-    """Coverage, dropouts and times, and the errors of localized frames where the truth is known."""
+    """Coverage and dropouts, of the whole system and by stream, times, and errors of localized frames where known."""
     errors = run.position_errors, run.rotation_errors
     position, rotation = (None if values is None else values[run.success] for values in errors)
     return {
         "frames": len(run.success),
         "localized": int(run.success.sum()),
         "coverage": round(run.coverage, 5),
-        "dropouts_m": [round(metres, 3) for metres in run.dropouts],
+        "driven_m": round(measure(run.success, run.distance).metres, 3),
+        "dropouts_m": _dropouts(run.success, run.distance),
+        "streams": {
+            name: {"coverage": round(float(success.mean()), 5), "dropouts_m": _dropouts(success, run.distance)}
+            for name, success in run.streams.items()
+        },
         "position_error_m": None if position is None else _errors(position),
         "rotation_error_deg": None if rotation is None else _errors(np.degrees(rotation)),
         "milliseconds": _percentiles(run.milliseconds),
@@ -58,13 +64,26 @@ def poses_text(poses: Array) -> str:
 
 
 def localization_csv(run: LocalizationRun) -> str:
-    """A line for each frame: whether and against which vertex it was localized, how well, and where it was."""
+    """A line for each frame: whether, by which streams and against which vertex it was localized, and how well."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(("frame", "localized", "vertex", "inliers", "position_error_m", "rotation_error_rad", "reason"))
+    header = (
+        "frame",
+        "localized",
+        *run.streams,
+        "vertex",
+        "inliers",
+        "position_error_m",
+        "rotation_error_rad",
+        "reason",
+    )
+    writer.writerow(header)
     for index, success in enumerate(run.success):
+        streams = (int(localized[index]) for localized in run.streams.values())
         errors = ("" if e is None else f"{e[index]:.6f}" for e in (run.position_errors, run.rotation_errors))
-        writer.writerow((index, int(success), run.trunk[index], run.inliers[index], *errors, run.reasons[index]))
+        writer.writerow(
+            (index, int(success), *streams, run.trunk[index], run.inliers[index], *errors, run.reasons[index])
+        )
     return out.getvalue()
 
 
@@ -98,6 +117,10 @@ def check_writable(path: Path | None) -> None:
         raise CommandError(f"cannot write {path}: it is a folder")
     if not path.absolute().parent.is_dir():
         raise CommandError(f"cannot write {path}: there is no folder {path.parent}")
+
+
+def _dropouts(success: NDArray[np.bool_], distance: Array) -> list[float]:
+    return [round(float(metres), 3) for metres in dropouts(success, distance)]
 
 
 def _percentiles(values: Array) -> dict[str, float]:

@@ -238,6 +238,15 @@ class PoseGraph:
         """
         return {vertex for _, vertex, _ in self._nearest_first(start, allow)}
 
+    def within(self, start: VertexId, metres: float, allow: Allow | None = None) -> dict[VertexId, float]:
+        """Metres along the edges to each allowed vertex that is no farther than ``metres``, the nearest first.
+
+        Raises:
+            GraphError: the start is unknown.
+        """
+        near = itertools.takewhile(lambda found: found[0] <= metres, self._nearest_first(start, allow))
+        return {vertex: distance for distance, vertex, _ in near}
+
     def window(
         self, trunk: VertexId, vertices: int, metres: float = math.inf, allow: Allow | None = None
     ) -> dict[VertexId, Uncertain]:

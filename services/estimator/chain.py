@@ -17,11 +17,14 @@ Every frame is the vehicle's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from common import geometry
 from common.geometry import Array, Uncertain
+from services.estimator.pipeline import Step
+from services.estimator.reckoning import DeadReckoning
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +57,13 @@ class LocalizationChain:
     def __init__(self, path: Array, settings: ChainSettings | None = None) -> None:
         self._path = np.asarray(path, dtype=np.float64)
         self._settings = settings or ChainSettings()
-        steps = np.linalg.norm(np.diff(self._path[:, :3, 3], axis=0), axis=1)
-        self._arclength = np.concatenate([[0.0], np.cumsum(steps)])
-        longest = float(steps.max(initial=0.0))
+        self._arclength = geometry.arclength(self._path)
+        longest = float(np.diff(self._arclength).max(initial=0.0))
         self._look_back = max(self._settings.look_back, 1.5 * longest)
         self._look_ahead = max(self._settings.look_ahead, 3.0 * longest)
         self.trunk = 0
         self.branch = 0
-        self._T_branch_twig = Uncertain.identity()
-        self._T_twig_leaf = Uncertain.identity()
+        self._T_branch_leaf = DeadReckoning()
         self._metres = 0.0
         self.localized = False
 
@@ -77,14 +78,14 @@ class LocalizationChain:
     def start(self, index: int) -> None:
         """Places the robot at a vertex, unlocalized: what :meth:`T_trunk_leaf` says is only an assumption."""
         self.trunk = self.branch = index
-        self._T_branch_twig = self._T_twig_leaf = Uncertain.identity()
+        self._T_branch_leaf.start()
         self._metres = 0.0
         self.localized = False
 
-    def move(self, T_last_leaf: Uncertain) -> None:
-        """Takes the odometry from the last leaf to the new one, and moves the trunk on."""
-        self._T_twig_leaf = self._T_twig_leaf @ T_last_leaf
-        self._metres += float(np.linalg.norm(T_last_leaf.T[:3, 3]))
+    def move(self, step: Step[Any]) -> None:
+        """Takes a frame's odometry, which makes it the leaf, and moves the trunk on."""
+        self._T_branch_leaf.move(step)
+        self._metres += float(np.linalg.norm(step.T_last_live.T[:3, 3]))
         self._move_trunk()
 
     def T_trunk_leaf(self) -> Uncertain:
@@ -97,13 +98,12 @@ class LocalizationChain:
 
     def T_branch_leaf(self) -> Uncertain:
         """The leaf in the frame of the vertex last localized against."""
-        return self._T_branch_twig @ self._T_twig_leaf
+        return self._T_branch_leaf.T_reference_live
 
     def localize(self, T_trunk_leaf: Uncertain) -> None:
         """Takes a successful localization of the leaf: the trunk becomes the branch and the leaf the twig."""
         self.branch = self.trunk
-        self._T_branch_twig = T_trunk_leaf
-        self._T_twig_leaf = Uncertain.identity()
+        self._T_branch_leaf.start(T_trunk_leaf)
         self._metres = 0.0
         self.localized = True
         self._move_trunk()

@@ -10,9 +10,13 @@ from common.geometry import Uncertain
 from common.ids import VertexId
 from common.messages import Commit, EdgeRecord, MapRecord, VertexRecord
 from services.estimator.pipeline import Pipeline, Step
+from services.estimator.reckoning import DeadReckoning
 
 Live = TypeVar("Live")
 Submap = TypeVar("Submap")
+
+Place = tuple[VertexId, Uncertain]
+"""A vertex, and the live frame in it."""
 
 _LAST_VERTEX_M = 0.05
 """The robot's place at the end of a teach becomes a vertex unless the last one is nearer than this."""
@@ -30,55 +34,69 @@ class ExperienceRecorder(Generic[Live, Submap]):
         record: MapRecord,
         pipeline: Pipeline[Live, Submap],
         *,
-        joined: tuple[VertexId, Uncertain] | None = None,
-        last: tuple[VertexId, Uncertain] | None = None,
+        joined: Place | None = None,
+        last: Place | None = None,
     ) -> None:
         self.record = record
         self._pipeline = pipeline
         self._joined = joined
-        self._last = last
+        self._T_last_live = DeadReckoning()
+        self._last: VertexId | None = None
+        if last is not None:
+            self._last = last[0]
+            self._T_last_live.start(last[1])
 
     @property
-    def last(self) -> tuple[VertexId, Uncertain] | None:
+    def last(self) -> Place | None:
         """The newest vertex, and the live frame in it."""
-        return self._last
+        return None if self._last is None else (self._last, self._T_last_live.T_reference_live)
 
-    def step(self, step: Step[Live]) -> Commit | None:
-        """Takes a frame; returns the commit of a new vertex where one is due."""
+    def move(self, step: Step[Live]) -> None:
+        """Takes a frame along that no vertex is made of."""
+        self._T_last_live.move(step)
+
+    def step(self, step: Step[Live], localized: Place | None = None) -> Commit | None:
+        """Takes a frame; returns the commit of a new vertex where one is due.
+
+        ``localized`` is the vertex of another map that this very frame was localized against, if it was: a spatial edge
+        then joins the two.
+        """
+        self.move(step)
         if self._last is None:
-            return self._first(step) if step.success else None
-        vertex, T_vertex_last = self._last
-        T_vertex_live = T_vertex_last @ step.T_last_live
-        self._last = vertex, T_vertex_live
-        if not step.success or not self._pipeline.is_vertex_due(T_vertex_live.T, step.inliers):
+            return self._first(step, self._joined if localized is None else localized) if step.success else None
+        T_vertex_live = self._T_last_live.T_reference_live.T
+        if not step.success or not self._pipeline.is_vertex_due(T_vertex_live, step.inliers):
             return None
-        return self._next(step)
+        return self._next(step, localized)
 
     def finish(self, step: Step[Live] | None) -> Commit:
         """The last commit: a vertex where the robot stands, unless the last one is there, and the map's end."""
         commit = Commit()
-        if step is not None and step.success and self._last is not None:
-            distance = float(np.linalg.norm(self._last[1].T[:3, 3]))
+        if step is not None and step.success and self.last is not None:
+            distance = float(np.linalg.norm(self.last[1].T[:3, 3]))
             if distance >= _LAST_VERTEX_M:
-                commit = self._next(step)
+                commit = self._next(step, None)
         return commit.model_copy(update={"finished": self.record.id})
 
-    def _first(self, step: Step[Live]) -> Commit:
+    def _first(self, step: Step[Live], joined: Place | None) -> Commit:
         vertex = VertexId(self.record.id, 0)
-        edges = []
-        if self._joined is not None:
-            joined, T_joined_live = self._joined
-            edges = [_edge("spatial", joined, vertex, T_joined_live)]
-        self._last = vertex, Uncertain.identity()
+        edges = [] if joined is None else [_edge("spatial", joined[0], vertex, joined[1])]
+        self._move_to(vertex)
         return Commit(map=self.record, vertex=self._vertex(vertex, step), edges=edges)
 
-    def _next(self, step: Step[Live]) -> Commit:
+    def _next(self, step: Step[Live], localized: Place | None) -> Commit:
         assert self._last is not None  # noqa: S101, a first vertex exists
-        previous, T_previous_live = self._last
-        vertex = VertexId(self.record.id, previous.index + 1)
-        self._last = vertex, Uncertain.identity()
-        edge = _edge("temporal", previous, vertex, T_previous_live)
-        return Commit(vertex=self._vertex(vertex, step), edges=[edge])
+        vertex = VertexId(self.record.id, self._last.index + 1)
+        edges = [_edge("temporal", self._last, vertex, self._T_last_live.T_reference_live)]
+        if localized is not None:
+            edges.append(_edge("spatial", localized[0], vertex, localized[1]))
+        self._move_to(vertex)
+        return Commit(vertex=self._vertex(vertex, step), edges=edges)
+
+    def _move_to(self, vertex: VertexId) -> None:
+        """The live frame becomes the newest vertex."""
+        self._last = vertex
+        self._T_last_live.start()
 
     def _vertex(self, vertex: VertexId, step: Step[Live]) -> VertexRecord:
         return VertexRecord(id=vertex, stamp=step.stamp, keyframe=self._pipeline.keyframe(step.live))

@@ -1,11 +1,13 @@
 """What the estimator asks of a sensor's pipeline: VT&R3's five stages, in vehicle frames.
 
-A pipeline preprocesses a frame and measures its motion (:meth:`Pipeline.process`), maps it (:meth:`Pipeline.keyframe`),
-decides on vertices (:meth:`Pipeline.is_vertex_due`) and localizes (:meth:`Pipeline.localize`, :meth:`Pipeline.search`).
+A pipeline preprocesses a frame and measures its motion (:meth:`Pipeline.process`), maps it (:meth:`Pipeline.keyframe`,
+:meth:`Pipeline.join`), decides on vertices (:meth:`Pipeline.is_vertex_due`) and localizes (:meth:`Pipeline.localize`,
+:meth:`Pipeline.search`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
@@ -24,6 +26,8 @@ class Step(Generic[Live]):
     Attributes:
         stamp: of the frame, nanoseconds.
         T_last_live: the vehicle's motion since the frame before, with covariance.
+        keyframe: number of the odometry's keyframe that this frame was measured against.
+        T_keyframe_live: the vehicle's motion since then, with covariance.
         twist: (6,) m/s and rad/s in the vehicle frame.
         success: whether the motion was measured; if not it is only predicted.
         inliers: measurements that agree on it.
@@ -34,6 +38,8 @@ class Step(Generic[Live]):
 
     stamp: int
     T_last_live: Uncertain
+    keyframe: int
+    T_keyframe_live: Uncertain
     twist: Array
     success: bool
     inliers: int
@@ -43,8 +49,17 @@ class Step(Generic[Live]):
 
 
 @dataclass(frozen=True, slots=True)
+class StreamResult:
+    """What one stream made of a frame: whether it localized, how many landmarks agree, and why it failed."""
+
+    success: bool
+    inliers: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Localized:
-    """The outcome of a localization against a vertex.
+    """The outcome of a localization against a submap.
 
     Attributes:
         success: whether it counts.
@@ -52,6 +67,8 @@ class Localized:
         inliers: landmarks that agree.
         stream: name of the stream that localized.
         reason: why it failed.
+        streams: what each stream made of it, by name.
+        members: landmarks that agree by member of a joint submap, in the order in which they were joined.
     """
 
     success: bool
@@ -59,6 +76,8 @@ class Localized:
     inliers: int
     stream: str
     reason: str
+    streams: Mapping[str, StreamResult] = field(default_factory=dict)
+    members: tuple[int, ...] = ()
 
 
 class Pipeline(Protocol[Live_contra, Submap]):
@@ -70,6 +89,10 @@ class Pipeline(Protocol[Live_contra, Submap]):
 
     def read(self, record: VertexRecord) -> Submap:
         """The submap of a stored vertex; ValueError where it is none of this pipeline's."""
+        ...
+
+    def join(self, members: Sequence[tuple[Submap, Uncertain]]) -> Submap:
+        """One submap of several, each with its vertex's pose ``T_first_vertex`` in the first one's frame."""
         ...
 
     def is_vertex_due(self, T_vertex_live: Array, inliers: int) -> bool:

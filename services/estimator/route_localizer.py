@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from common.geometry import Array, Uncertain
+from common.geometry import Array, Uncertain, covariance_intersection
 from common.ids import VertexId
 from services.estimator.chain import ChainSettings, LocalizationChain
+from services.estimator.experiences import RouteExperiences
 from services.estimator.pipeline import Localized, Pipeline, Step
+from services.estimator.route_map import RouteMap
 
 Live = TypeVar("Live")
 Submap = TypeVar("Submap")
@@ -23,7 +24,7 @@ class WindowSettings:
     Attributes:
         fetch_ahead, fetch_behind: metres of the route whose submaps are kept at hand.
         search: metres before and after the target that are searched.
-        searches: submaps tried on each frame of a search.
+        searches: submaps tried on each frame of a search, beside the one where the robot is assumed to be.
     """
 
     fetch_ahead: float = 8.0
@@ -33,64 +34,76 @@ class WindowSettings:
 
 
 class RouteLocalizer(Generic[Live, Submap]):
-    """Keeps the live robot located on a route of vertices with poses ``T_first_vertex`` (N, 4, 4)."""
+    """Keeps the live robot located on a route with poses ``T_first_vertex`` (N, 4, 4) of its N vertices."""
 
     def __init__(
         self,
-        vertices: Sequence[VertexId],
+        route_map: RouteMap[Live, Submap],
         path: Array,
         pipeline: Pipeline[Live, Submap],
-        submap: Callable[[VertexId], Submap | None],
         chain: ChainSettings,
         window: WindowSettings,
     ) -> None:
-        self.vertices = list(vertices)
+        self.map = route_map
         self.chain = LocalizationChain(path, chain)
         self._pipeline = pipeline
-        self._submap = submap
         self._window = window
         self._candidates: itertools.cycle[int] = itertools.cycle([0])
+        self._wanted: tuple[int, list[VertexId]] | None = None
 
     @property
     def trunk(self) -> VertexId:
         """The vertex that the robot is nearest to."""
-        return self.vertices[self.chain.trunk]
+        return self.map.vertices[self.chain.trunk]
 
     def trunk_and_leaf(self) -> tuple[VertexId, Uncertain]:
         """The trunk, and the live robot in its frame."""
         return self.trunk, self.chain.T_trunk_leaf()
 
+    def branch_and_leaf(self) -> tuple[VertexId, Uncertain]:
+        """The vertex last localized against, and the live robot in its frame."""
+        return self.map.vertices[self.chain.branch], self.chain.T_branch_leaf()
+
     def start(self, target: VertexId | None) -> None:
         """Expects the robot at a vertex of the route, or at its first."""
-        index = self.vertices.index(target) if target in self.vertices else 0
+        vertices = self.map.vertices
+        index = vertices.index(target) if target in vertices else 0
         self.chain.start(index)
         around = self.chain.window(self._window.search, self._window.search)
         self._candidates = itertools.cycle(sorted(around, key=lambda i: abs(i - index)))
 
+    def use(self, experiences: RouteExperiences) -> None:
+        """Joins these experiences to the route's map from now on."""
+        self.map.use(experiences)
+        self._wanted = None
+
     def wanted(self) -> list[VertexId]:
         """Vertices whose submaps are or will soon be needed, nearest first."""
-        around = self.chain.window(self._window.fetch_behind, self._window.fetch_ahead)
-        return [self.vertices[i] for i in sorted(around, key=lambda i: abs(i - self.chain.trunk))]
+        trunk = self.chain.trunk
+        if self._wanted is None or self._wanted[0] != trunk:
+            around = self.chain.window(self._window.fetch_behind, self._window.fetch_ahead)
+            self._wanted = trunk, self.map.wanted(sorted(around, key=lambda i: abs(i - trunk)))
+        return self._wanted[1]
 
     def move(self, step: Step[Live]) -> None:
         """Takes a frame's odometry along without localizing."""
-        self.chain.move(step.T_last_live)
+        self.chain.move(step)
+        if self._wanted is None or self._wanted[0] != self.chain.trunk:
+            self.map.rank(step.stamp)
 
     def follow(self, step: Step[Live]) -> Localized:
         """Localizes a frame, whose odometry was taken, against the trunk by the chain's prior."""
         prior = self.chain.T_trunk_leaf()
-        submap = self._submap(self.trunk)
-        if submap is None:
-            return Localized(
-                success=False,
-                T_vertex_live=prior,
-                inliers=0,
-                stream="none",
-                reason="the trunk's submap is not here yet",
-            )
-        result = self._pipeline.localize(submap, prior, step.live)
+        joint = self.map.at(self.chain.trunk)
+        if joint is None:
+            return self._missing("the trunk's submap is not here yet")
+        result = self._pipeline.localize(joint.submap, prior, step.live)
+        self.map.credit(joint, result)
         if result.success:
-            self.chain.localize(result.T_vertex_live)
+            # The prior holds earlier localizations against much the same landmarks: it is no independent evidence.
+            fused = covariance_intersection(prior, result.T_vertex_live)
+            self.chain.localize(fused)
+            result = replace(result, T_vertex_live=fused)
         return result
 
     def search(self, step: Step[Live]) -> Localized:
@@ -99,27 +112,23 @@ class RouteLocalizer(Generic[Live, Submap]):
             result = self.follow(step)
             if result.success:
                 return result
-        result = self._missing()
-        for index in itertools.islice(self._candidates, self._window.searches):
-            submap = self._submap(self.vertices[index])
-            if submap is None:
+        result = self._missing("no submap is here yet to localize against")
+        # Where it is assumed to be first, by the odometry since; then the others in turn.
+        others = itertools.islice(self._candidates, self._window.searches)
+        for index in dict.fromkeys(itertools.chain([self.chain.trunk], others)):
+            joint = self.map.at(index)
+            if joint is None:
                 continue
-            result = self._pipeline.search(submap, step.live)
+            result = self._pipeline.search(joint.submap, step.live)
             if result.success:
                 self.chain.start(index)
                 self.chain.localize(result.T_vertex_live)
                 return result
         return result
 
-    def _missing(self) -> Localized:
+    def _missing(self, reason: str) -> Localized:
         prior = self.chain.T_trunk_leaf()
-        return Localized(
-            success=False,
-            T_vertex_live=prior,
-            inliers=0,
-            stream="none",
-            reason="no submap is here yet to localize against",
-        )
+        return Localized(success=False, T_vertex_live=prior, inliers=0, stream="none", reason=reason)
 
 
 def single_vertex_path() -> Array:

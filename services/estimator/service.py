@@ -15,13 +15,19 @@ from common.errors import BusError
 from common.geometry import Uncertain
 from common.ids import VertexId
 from common.service import Service
+from services.estimator import relocalization
 from services.estimator.committer import Committer
-from services.estimator.experience import ExperienceRecorder
+from services.estimator.experience import ExperienceRecorder, Place
+from services.estimator.experience_loader import ExperienceLoader
 from services.estimator.pipeline import Localized, Step
+from services.estimator.reckoning import DeadReckoning
+from services.estimator.relocalization import Finder, appearance_of
 from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
+from services.estimator.route_map import RouteMap
 from services.estimator.settings import Settings
-from services.estimator.stereo.features import StereoFrame as Pair
-from services.estimator.stereo.pipeline import StereoPipeline, StereoSubmap
+from services.estimator.stereo.pipeline import StereoPipeline
+from services.estimator.stereo.streams import Streams
+from services.estimator.stereo.submap import StereoSubmap
 from services.estimator.stereo.warm_up import warm_up
 from services.estimator.submaps import SubmapCache
 from services.estimator.wheels import WheelMotion
@@ -34,8 +40,8 @@ _ANY_CAMERA = StereoCamera(640, 400, 425.0, 425.0, 319.5, 199.5, 0.24)
 
 _ASK_S = 1.0
 
-Recorder = ExperienceRecorder[Pair, StereoSubmap]
-Localizer = RouteLocalizer[Pair, StereoSubmap]
+Recorder = ExperienceRecorder[Streams, StereoSubmap]
+Localizer = RouteLocalizer[Streams, StereoSubmap]
 
 
 def main(service: Service) -> None:
@@ -58,23 +64,36 @@ class Estimator:
         self._localization = bus.publisher(topics.LOCALIZATION)
         self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
         self._submaps: SubmapCache[StereoSubmap] = SubmapCache(self._fetch, self._read)
+        self._experiences = ExperienceLoader(self._topology, settings.experiences)
+        found = settings.relocalization
+        self._finder: Finder[Streams, StereoSubmap] = Finder(
+            bus.ask,
+            lambda live: appearance_of({n: f.features for n, f in live.items()}, found.query_descriptors),
+            service.config.robot.environment,
+            found,
+        )
         self._wheel_motion = WheelMotion(settings.wheels)
         self._camera: m.CameraModel | None = None
         self._pipeline: StereoPipeline | None = None
         self._recorder: Recorder | None = None
         self._localizer: Localizer | None = None
         self._localizing: tuple[str, VertexId | None] | None = None
-        self._anchor: tuple[VertexId, Uncertain] | None = None
+        self._anchor: VertexId | None = None
+        self._T_anchor_live = DeadReckoning()
         self._joined: VertexId | None = None
-        self._last_step: Step[Pair] | None = None
+        self._last_step: Step[Streams] | None = None
         self._last_success = time.monotonic()
 
     def run(self) -> None:
         """The loop: one frame after another, always the newest."""
         service = self._service
         warm_up(_ANY_CAMERA, self._settings.stereo)
+        relocalization.warm_up()
         service.thread(self._committer.run, "commits")
         service.thread(lambda: self._submaps.run(service.stop), "submaps")
+        service.thread(lambda: self._experiences.run(service.stop), "experiences")
+        service.thread(lambda: self._finder.run(service.stop), "places")
+        service.bus.serve(topics.RELOCALIZE, self._finder.answer)
         service.ready()
         while not service.stop.is_set():
             received = self._frames.wait(_FRAME_WAIT_S)
@@ -90,16 +109,16 @@ class Estimator:
 
     def _take(self, frame: m.StereoFrame, state: m.State | None) -> None:
         """One frame through the stages that the state asks for."""
-        pipeline = self._pipeline_of(frame.camera)
-        step = pipeline.process(frame, self._driven(frame.stamp))
+        pipeline = self._pipeline_of(frame)
+        step = pipeline.process(frame.left, frame.right, frame.stamp, self._driven(frame.stamp))
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
-        if self._anchor is not None:
-            self._anchor = self._anchor[0], self._anchor[1] @ step.T_last_live
+        self._T_anchor_live.move(step)
         self._publish_odometry(step)
         if state is not None:
-            self._localize(pipeline, step, state)
-            self._record(pipeline, step, state)
+            localized = self._localize(pipeline, step, state)
+            self._record(pipeline, step, state, localized)
+        self._finder.see(step, idle=state is None or state.name == m.StateName.IDLE)
         self._last_step = step
 
     def _driven(self, stamp: int) -> Uncertain | None:
@@ -108,19 +127,32 @@ class Estimator:
         seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
         return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)
 
-    def _pipeline_of(self, camera: m.CameraModel) -> StereoPipeline:
-        """The pipeline of a camera; another calibration starts another one."""
+    def _pipeline_of(self, frame: m.StereoFrame) -> StereoPipeline:
+        """The pipeline of a frame's camera; another calibration starts another one."""
+        camera = frame.camera
         if self._pipeline is None or not _same(camera, self._camera):
             log.info("a camera appeared", width=camera.width, height=camera.height, baseline=round(camera.baseline, 4))
+            if self._pipeline is not None:
+                self._pipeline.close()
             self._camera = camera
-            self._pipeline = StereoPipeline(camera.camera(), self._settings.stereo)
+            self._pipeline = StereoPipeline(camera.camera(), self._settings.stereo, parallel=True)
+            # One of its own: a search must not wait for a frame, nor a frame for it.
+            self._finder.searcher = StereoPipeline(camera.camera(), self._settings.stereo)
+            log.info("localizing", streams=self._pipeline.streams_of(frame.left))
             self._localizer, self._localizing, self._last_step = None, None, None
+            self._T_anchor_live, self._anchor = DeadReckoning(), None
         return self._pipeline
+
+    def _anchor_at(self, place: Place | None) -> None:
+        """Odometry is told from this vertex on."""
+        if place is not None:
+            self._anchor = place[0]
+            self._T_anchor_live.start(place[1])
 
     # --- localization ------------------------------------------------------------------------------------------------
 
-    def _localize(self, pipeline: StereoPipeline, step: Step[Pair], state: m.State) -> None:
-        """Keeps the chain, and localizes in the states that need it."""
+    def _localize(self, pipeline: StereoPipeline, step: Step[Streams], state: m.State) -> Place | None:
+        """Keeps the chain, and localizes in the states that need it; where the frame is, if that was found."""
         names = m.StateName
         searching = state.name in (names.TEACH_METRIC_LOCALIZE, names.REPEAT_METRIC_LOCALIZE)
         if searching or state.name == names.REPEAT_FOLLOW:
@@ -129,18 +161,19 @@ class Estimator:
             self._localizer, self._localizing = None, None
         localizer = self._localizer
         if localizer is None:
-            return
+            return None
         localizer.move(step)
         self._submaps.want(localizer.wanted())
         if state.name == names.PAUSED:
-            return
+            return None
         with self._service.stage("localize"):
             result = localizer.follow(step) if self._is_following(state, localizer) else localizer.search(step)
         if result.success:
             self._last_success = time.monotonic()
-            self._anchor = localizer.trunk_and_leaf()
-            self._joined = self._anchor[0] if state.name == names.TEACH_METRIC_LOCALIZE else None
+            self._anchor_at(localizer.trunk_and_leaf())
+            self._joined = self._anchor if state.name == names.TEACH_METRIC_LOCALIZE else None
         self._publish_localization(step, state, localizer, result)
+        return localizer.branch_and_leaf() if result.success else None
 
     @staticmethod
     def _is_following(state: m.State, localizer: Localizer) -> bool:
@@ -165,13 +198,19 @@ class Estimator:
             # The same route with another target: a resume after a pause, during which the chain went on.
             localizer = self._localizer
         else:
-            localizer = RouteLocalizer(vertices, path, pipeline, self._submaps.get, settings.chain, settings.window)
+            route_map: RouteMap[Streams, StereoSubmap] = RouteMap(
+                vertices, path, pipeline, self._submaps.get, settings.experiences
+            )
+            localizer = RouteLocalizer(route_map, path, pipeline, settings.chain, settings.window)
+            self._experiences.load(state.environment, vertices, path, localizer.use)
         if not localizer.chain.localized:
             localizer.start(state.position if state.name == m.StateName.REPEAT_FOLLOW else state.target)
             self._last_success = time.monotonic()
         self._localizer, self._localizing = localizer, wish
 
-    def _publish_localization(self, step: Step[Pair], state: m.State, localizer: Localizer, result: Localized) -> None:
+    def _publish_localization(
+        self, step: Step[Streams], state: m.State, localizer: Localizer, result: Localized
+    ) -> None:
         chain = localizer.chain
         estimate = chain.T_trunk_leaf()
         self._localization.put(
@@ -184,6 +223,7 @@ class Estimator:
                 covariance=estimate.covariance,
                 success=result.success,
                 stream=result.stream,
+                streams={name: found.success for name, found in result.streams.items()},
                 inliers=result.inliers,
                 metres_since_success=chain.metres_since_success,
                 seconds_since_success=time.monotonic() - self._last_success,
@@ -191,12 +231,12 @@ class Estimator:
             )
         )
 
-    def _publish_odometry(self, step: Step[Pair]) -> None:
-        anchor, estimate = self._anchor or (None, Uncertain.identity())
+    def _publish_odometry(self, step: Step[Streams]) -> None:
+        estimate = Uncertain.identity() if self._anchor is None else self._T_anchor_live.T_reference_live
         self._odometry.put(
             m.Odometry(
                 stamp=step.stamp,
-                vertex=anchor,
+                vertex=self._anchor,
                 T_vertex_robot=estimate.T,
                 covariance=estimate.covariance,
                 twist=step.twist,
@@ -208,23 +248,27 @@ class Estimator:
 
     # --- recording ---------------------------------------------------------------------------------------------------
 
-    def _record(self, pipeline: StereoPipeline, step: Step[Pair], state: m.State) -> None:
-        """Makes vertices while a map is taught."""
-        if state.name != m.StateName.TEACH_BRANCH or state.map is None:
+    def _record(self, pipeline: StereoPipeline, step: Step[Streams], state: m.State, localized: Place | None) -> None:
+        """Makes vertices while a map is taught, or an experience recorded in a repeat."""
+        teaching, following = state.name == m.StateName.TEACH_BRANCH, state.name == m.StateName.REPEAT_FOLLOW
+        if state.map is None or not (teaching or following):
+            if self._recorder is not None:
+                self._recorder.move(step)
             return
         if self._recorder is None:
             self._recorder = self._recorder_for(pipeline, step, state.map)
-            if self._recorder is None:
+            if self._recorder is None or (following and localized is None):
                 return
         with self._service.stage("vertex"):
-            commit = self._recorder.step(step)
-        self._anchor = self._recorder.last
+            commit = self._recorder.step(step, localized)
+        if teaching:
+            self._anchor_at(self._recorder.last)
         if commit is not None:
             self._committer.put(commit)
             if commit.vertex is not None:
                 self._submaps.put(commit.vertex.id, pipeline.read(commit.vertex))
 
-    def _recorder_for(self, pipeline: StereoPipeline, step: Step[Pair], record: m.MapRecord) -> Recorder | None:
+    def _recorder_for(self, pipeline: StereoPipeline, step: Step[Streams], record: m.MapRecord) -> Recorder | None:
         """A recorder for a new map, or for one that this process began in an earlier life; None while that is open."""
         try:
             stored: m.MapList = self._service.bus.ask(topics.MAPS, m.GraphQuery(environment=record.environment), _ASK_S)
@@ -232,7 +276,9 @@ class Estimator:
             return None
         vertices = next((found.vertices for found in stored.maps if found.record.id == record.id), 0)
         if vertices == 0:
-            joined = self._anchor if self._anchor is not None and self._anchor[0] == self._joined else None
+            joined = None
+            if self._anchor is not None and self._anchor == self._joined:
+                joined = self._anchor, self._T_anchor_live.T_reference_live
             return ExperienceRecorder(record, pipeline, joined=joined)
         last = VertexId(record.id, vertices - 1)
         self._submaps.want([last])
@@ -250,17 +296,23 @@ class Estimator:
         recorder = self._recorder
         if recorder is None or (state.map is not None and state.map.id == recorder.record.id):
             return
+        self._recorder = None
+        if recorder.last is None:
+            return
         commit = recorder.finish(self._last_step)
         self._committer.put(commit)
-        if commit.vertex is not None:
-            self._anchor = recorder.last
-        self._recorder = None
+        if commit.vertex is not None and recorder.record.generation == 0:
+            self._anchor_at(recorder.last)
 
     # --- submaps -----------------------------------------------------------------------------------------------------
 
     def _fetch(self, vertices: list[VertexId]) -> list[m.VertexRecord]:
         answer: m.Submap = self._service.bus.ask(topics.SUBMAP, m.GraphQuery(vertices=vertices), _ASK_S)
         return answer.vertices
+
+    def _topology(self, environment: str) -> m.Topology:
+        answer: m.Topology = self._service.bus.ask(topics.TOPOLOGY, m.GraphQuery(environment=environment), _ASK_S)
+        return answer
 
     def _read(self, record: m.VertexRecord) -> StereoSubmap:
         if self._pipeline is None:

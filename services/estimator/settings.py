@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from services.estimator.chain import ChainSettings
+from services.estimator.experiences import ExperienceSettings
+from services.estimator.relocalization import RelocalizationSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
 from services.estimator.wheels import WheelSettings
@@ -19,6 +21,8 @@ class Settings:
         stereo: the pipeline's five stages.
         chain: the localization chain.
         window: submaps that are fetched and searched.
+        experiences: which recorded experiences are joined to the route's map.
+        relocalization: how a robot that knows nothing of its place is found.
         wheels: how far wheel odometry is believed.
     """
 
@@ -26,4 +30,6 @@ class Settings:
     stereo: StereoSettings = field(default_factory=StereoSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
+    experiences: ExperienceSettings = field(default_factory=ExperienceSettings)
+    relocalization: RelocalizationSettings = field(default_factory=RelocalizationSettings)
     wheels: WheelSettings = field(default_factory=WheelSettings)

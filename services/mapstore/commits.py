@@ -9,6 +9,7 @@ import zlib
 from common import wire
 from common.errors import GraphError
 from common.messages import Commit, EdgeRecord, GraphQuery, MapRecord, NamePlace, VertexRecord
+from services.mapstore import appearance
 from services.mapstore.queries import RECORD_COLUMNS, StoredMap, find_map, find_vertex
 
 
@@ -85,7 +86,7 @@ def _add_map(db: sqlite3.Connection, record: MapRecord) -> None:
 
 def _add_vertex(db: sqlite3.Connection, vertex: VertexRecord) -> None:
     stored = find_map(db, vertex.id.map_id)
-    content = bytes(wire.encode(vertex.keyframe))
+    content = _content(vertex)
     if vertex.id.index < stored.vertices:
         _require_same_vertex(db, vertex, content)
         return
@@ -93,15 +94,20 @@ def _add_vertex(db: sqlite3.Connection, vertex: VertexRecord) -> None:
         raise GraphError(f"vertex {vertex.id} cannot be added: its map is finished")
     if vertex.id.index != stored.vertices:
         raise GraphError(f"vertex {vertex.id} leaves a gap: the next vertex of its map is {stored.vertices}")
-    number = db.execute(
-        "INSERT INTO vertices (map, position, stamp) VALUES (?, ?, ?)", (stored.number, vertex.id.index, vertex.stamp)
-    ).lastrowid
+    (number,) = db.execute(
+        "INSERT INTO vertices (map, position, stamp) VALUES (?, ?, ?) RETURNING number",
+        (stored.number, vertex.id.index, vertex.stamp),
+    ).fetchone()
     db.execute(
         "INSERT INTO keyframes (vertex, checksum, content) VALUES (?, ?, ?)", (number, zlib.crc32(content), content)
     )
-    db.execute(
-        "UPDATE maps SET vertices = vertices + 1, bytes = bytes + ? WHERE number = ?", (len(content), stored.number)
-    )
+    size = len(content) + appearance.write(db, number, vertex.keyframe.appearance)
+    db.execute("UPDATE maps SET vertices = vertices + 1, bytes = bytes + ? WHERE number = ?", (size, stored.number))
+
+
+def _content(vertex: VertexRecord) -> bytes:
+    """The keyframe as it is stored: without its appearance, which is kept apart."""
+    return bytes(wire.encode(vertex.keyframe.model_copy(update={"appearance": {}})))
 
 
 def _require_same_vertex(db: sqlite3.Connection, vertex: VertexRecord, content: bytes) -> None:
@@ -109,7 +115,8 @@ def _require_same_vertex(db: sqlite3.Connection, vertex: VertexRecord, content: 
     stored = db.execute(
         "SELECT stamp, content FROM vertices JOIN keyframes ON vertex = number WHERE number = ?", (number,)
     ).fetchone()
-    if stored != (vertex.stamp, content):
+    looks = {stream: descriptors.tobytes() for stream, descriptors in vertex.keyframe.appearance.items()}
+    if stored != (vertex.stamp, content) or appearance.read(db, number) != looks:
         raise GraphError(f"vertex {vertex.id} is stored already with other content")
 
 

@@ -14,7 +14,19 @@ from common import wire
 from common.errors import GraphError
 from common.geometry import Array
 from common.ids import VertexId
-from common.messages import GraphQuery, Keyframe, MapList, MapRecord, MapSummary, Submap, Topology, VertexRecord
+from common.messages import (
+    AppearanceQuery,
+    Appearances,
+    GraphQuery,
+    Keyframe,
+    MapList,
+    MapRecord,
+    MapSummary,
+    Submap,
+    Topology,
+    VertexRecord,
+)
+from services.mapstore import appearance
 from services.mapstore.errors import StoreError
 
 MAX_SUBMAP = 256
@@ -113,6 +125,12 @@ def submap(db: sqlite3.Connection, query: GraphQuery) -> Submap:
     if not records:
         raise StoreError(f"the store's keyframe of {wanted[0]} is damaged")
     return Submap(vertices=records)
+
+
+def appearances(db: sqlite3.Connection, query: AppearanceQuery) -> Appearances:
+    """What an environment's vertices look like, but for those that are known; one page of them."""
+    maps = [(number, summary.record) for number, summary in _summaries(db, query.environment, None).items()]
+    return appearance.page(db, query, maps)
 
 
 def _wanted(db: sqlite3.Connection, query: GraphQuery) -> Sequence[VertexId]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Sequence
 
+from services.mapstore.appearance import of_old_keyframe
 from services.mapstore.errors import StoreError
 
 APPLICATION_ID = 0x56545247
@@ -73,6 +74,22 @@ MIGRATIONS: tuple[Migration, ...] = (
         """,
         "CREATE INDEX places_by_vertex ON places (vertex)",
     ),
+    (
+        # What recognises a place, by stream of images: descriptors of 32 bytes, one after the other.
+        """
+        CREATE TABLE appearances (
+            vertex INTEGER NOT NULL REFERENCES vertices ON DELETE CASCADE,
+            stream TEXT NOT NULL,
+            descriptors BLOB NOT NULL,
+            PRIMARY KEY (vertex, stream)
+        )
+        """,
+        """
+        INSERT INTO appearances (vertex, stream, descriptors)
+        SELECT vertex, 'plain', found FROM (SELECT vertex, appearance_of(content, 'plain') AS found FROM keyframes)
+        WHERE found IS NOT NULL
+        """,
+    ),
 )
 
 GRAPH_TABLES = ("maps", "vertices", "edges", "places")
@@ -88,6 +105,7 @@ def migrate(db: sqlite3.Connection, migrations: Sequence[Migration] = MIGRATIONS
     Raises:
         StoreError: the store is newer than this program, or the file is another program's database.
     """
+    db.create_function("appearance_of", 2, of_old_keyframe, deterministic=True)
     found = version = _version(db)
     if version > len(migrations):
         raise StoreError(

@@ -81,6 +81,7 @@ def main(service: Service) -> None:
         topics.MAPS: Store.maps,
         topics.TOPOLOGY: Store.topology,
         topics.SUBMAP: Store.submap,
+        topics.APPEARANCE: Store.appearances,
         topics.REMOVE: Store.remove,
         topics.NAME_PLACE: Store.name_place,
     }

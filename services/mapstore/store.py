@@ -7,12 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from common.messages import Commit, Done, GraphQuery, MapList, NamePlace, Submap, Topology
+from common.messages import AppearanceQuery, Appearances, Commit, Done, GraphQuery, MapList, NamePlace, Submap, Topology
 from services.mapstore import commits, queries
 from services.mapstore.database import Database
 from services.mapstore.settings import Settings
 
 A = TypeVar("A")
+Q = TypeVar("Q")
 
 
 class Store:
@@ -70,6 +71,10 @@ class Store:
         """Vertices with their keyframes, in the order asked for."""
         return self._read(queries.submap, query)
 
+    def appearances(self, query: AppearanceQuery) -> Appearances:
+        """What an environment's vertices look like, but for those that are known; one page of them."""
+        return self._read(queries.appearances, query)
+
     def checkpoint(self) -> None:
         """Moves the log to the main file where enough was committed since the last time."""
         if self._written > self._settings.checkpoint_mb * 1e6:
@@ -80,6 +85,6 @@ class Store:
         """Ends the present commit and closes the file."""
         self._database.close()
 
-    def _read(self, question: Callable[[sqlite3.Connection, GraphQuery], A], query: GraphQuery) -> A:
+    def _read(self, question: Callable[[sqlite3.Connection, Q], A], query: Q) -> A:
         with self._database.reading() as db:
             return question(db, query)

@@ -36,7 +36,7 @@ class Mission:
         position: the vertex last localized against, or taught last, or told by the operator.
         resumes: the state behind a pause.
         target: the vertex to localize against.
-        map: the map that is being taught.
+        map: the map that is being taught, or recorded on the way of a repeat.
         start_place: the name that the map's first vertex will get.
         goal: where a repeat goes, in the operator's words.
         attempt: tells the plan that is waited for from the answer to an earlier question.
@@ -98,10 +98,14 @@ class StateMachine:
         environment: str,
         position: VertexId | None,
         deadlines: Deadlines,
-        new_map: Callable[[str], MapRecord],
+        new_map: Callable[[str, MapRecord | None], MapRecord],
         now: float,
     ) -> None:
-        """Starts in Idle, with ``new_map`` to make the record of a map that is to be taught in an environment."""
+        """Starts in Idle.
+
+        ``new_map`` makes the record of a map of an environment: of a taught one or, with the record of the map that is
+        repeated, of one recorded on the way.
+        """
         self._hierarchy = Hierarchy()
         self._new_map = new_map
         self._limits: Mapping[StateName, float] = {
@@ -173,9 +177,17 @@ class StateMachine:
 
     # --- events ------------------------------------------------------------------------------------------------------
 
-    def planned(self, now: float, attempt: int, route: str, target: VertexId, reason: str) -> bool:
-        """Takes a route, whose first vertex is the target; returns False if nobody waits for it any longer."""
-        return attempt == self.mission.attempt and self._event("planned", now, reason, route=route, target=target)
+    def planned(
+        self, now: float, attempt: int, route: str, target: VertexId, reason: str, recorded: MapRecord | None = None
+    ) -> bool:
+        """Takes a route, whose first vertex is the target; returns False if nobody waits for it any longer.
+
+        With ``recorded``, the record of the map that is repeated, the repeat records a map of its own.
+        """
+        if attempt != self.mission.attempt:
+            return False
+        record = None if recorded is None else self._new_map(self.mission.environment, recorded)
+        return self._event("planned", now, reason, route=route, target=target, map=record)
 
     def not_planned(self, now: float, attempt: int, reason: str) -> bool:
         """Takes the planner's refusal."""
@@ -242,7 +254,7 @@ class StateMachine:
             case StateName.PAUSED:
                 return replace(mission, resumes=before.name)
             case StateName.TEACH_BRANCH if mission.map is None:
-                return replace(mission, resumes=None, map=self._new_map(mission.environment))
+                return replace(mission, resumes=None, map=self._new_map(mission.environment, None))
             case StateName.REPEAT_METRIC_LOCALIZE if before.name is StateName.PAUSED:
                 return replace(mission, resumes=None, target=self._target_of_resuming(before))
             case _:

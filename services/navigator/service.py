@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import structlog
 
@@ -16,12 +17,9 @@ from common.ids import VertexId, new_map_id
 from common.messages import (
     Command,
     Done,
-    GraphQuery,
     Localization,
-    MapList,
     MapRecord,
     MapSummary,
-    NamePlace,
     Odometry,
     PlanRequest,
     Route,
@@ -35,13 +33,21 @@ from common.service import Service
 from services.navigator import needs, position
 from services.navigator.machine import Deadlines, Mission, MissionRefused, StateMachine
 from services.navigator.position import Position
+from services.navigator.questions import Questions, check_exists, exists, record_of
 from services.navigator.settings import Settings
 
 _STATE_PERIOD_S = 1.0 / topics.STATE.rate_hz
 _SAVE_PERIOD_S = 1.0
-_STORE_POLL_S = 0.1
 
 log = structlog.get_logger()
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """The vertex that a mission starts at; where there is none, why."""
+
+    vertex: VertexId | None
+    remark: str = ""
 
 
 def main(service: Service) -> None:
@@ -60,6 +66,7 @@ class Navigator:
         self._service = service
         self._bus = service.bus
         self._settings = service.config.settings("navigator", Settings)
+        self._questions = Questions(service.bus, self._settings, service.stop)
         self._environment = service.config.robot.environment
         self._lock = threading.Lock()
         self._wake = threading.Event()
@@ -112,7 +119,7 @@ class Navigator:
             time.monotonic(),
         )
 
-    def _new_map(self, environment: str) -> MapRecord:
+    def _new_map(self, environment: str, repeated: MapRecord | None) -> MapRecord:
         robot, stamp = self._bus.robot, now_ns()
         return MapRecord(
             id=new_map_id(robot, stamp),
@@ -120,6 +127,8 @@ class Navigator:
             stamp=stamp,
             robot=robot,
             sensor=self._settings.sensor,
+            generation=0 if repeated is None else repeated.generation + 1,
+            parent=None if repeated is None else repeated.id,
         )
 
     @contextlib.contextmanager
@@ -210,25 +219,22 @@ class Navigator:
     def _teach(self, command: Command) -> str:
         environment = command.environment or self._environment
         self._check_startable("teach", StateName.TEACH_METRIC_LOCALIZE)
-        maps = self._maps(environment)
-        where = self._where(command, environment)
-        if command.vertex is not None:
-            _check_exists(command.vertex, maps, environment)
-        target = where if where is not None and _exists(where, maps) else None
+        start = self._start(command, environment, self._questions.maps(environment))
         with self._changing() as machine:
-            machine.teach(time.monotonic(), environment, target, command.start_place)
-            return f"teaching: {machine.mission.reason}"
+            machine.teach(time.monotonic(), environment, start.vertex, command.start_place)
+            remark = f" ({start.remark})" if start.remark else ""
+            return f"teaching: {machine.mission.reason}{remark}"
 
     def _finish(self, command: Command) -> str:
         with self._changing() as machine:
             taught = machine.finish(time.monotonic())
         if taught.map is None:  # the table lets a map be finished only where there is one
             raise MissionRefused("no map was being taught")
-        stored = self._await_finished(taught.map)
+        stored = self._questions.await_finished(taught.map)
         ends = {command.start_place or taught.start_place: 0, command.end_place: stored.vertices - 1}
         for place, index in ends.items():
             if place is not None:
-                self._name_place(taught.environment, place, VertexId(taught.map.id, index))
+                self._questions.name_place(taught.environment, place, VertexId(taught.map.id, index))
         return f"map {taught.map.id} is stored: {stored.vertices} vertices, {stored.length:.1f} m"
 
     def _repeat(self, command: Command) -> str:
@@ -236,19 +242,22 @@ class Navigator:
         self._check_startable("repeat", StateName.REPEAT_PLAN)
         if not command.goal:
             raise MissionRefused("a repeat needs a goal: a place, a map, or a vertex as map:index")
-        maps = self._maps(environment)
-        if not maps:
+        maps = self._questions.maps(environment)
+        if not any(m.record.generation == 0 for m in maps):
             raise MissionRefused(f"environment '{environment}' has no map that could be repeated: teach one first")
-        if command.vertex is not None:
-            _check_exists(command.vertex, maps, environment)
-        start = self._where(command, environment)
-        if start is None or not _exists(start, maps):
-            raise MissionRefused(f"it is unknown where the robot stands in '{environment}': name its vertex")
+        start = self._start(command, environment, maps)
+        if start.vertex is None:
+            raise MissionRefused(
+                f"it is unknown where the robot stands in '{environment}': name its vertex ({start.remark})"
+            )
         with self._changing() as machine:
-            attempt = machine.repeat(time.monotonic(), environment, start, command.goal)
-        return self._plan(attempt, PlanRequest(environment=environment, start=start, goal=command.goal))
+            attempt = machine.repeat(time.monotonic(), environment, start.vertex, command.goal)
+        wanted = self._settings.record_repeats if command.record is None else command.record
+        request = PlanRequest(environment=environment, start=start.vertex, goal=command.goal)
+        return self._plan(attempt, request, maps if wanted else [])
 
-    def _plan(self, attempt: int, request: PlanRequest) -> str:
+    def _plan(self, attempt: int, request: PlanRequest, recordable: list[MapSummary]) -> str:
+        """Asks for the route and hands it on; the repeat is recorded if its first map is among the recordable ones."""
         try:
             route: Route = self._bus.ask(topics.PLAN, request, timeout=self._settings.plan_s)
         except RetraverseError as error:
@@ -258,8 +267,9 @@ class Navigator:
         text = f"{route.length:.1f} m to {request.goal}: {route.reason}"
         # The route goes first, so that whoever sees the state that names it has it.
         self._route.put(route)
+        repeated = record_of(route.vertices[0].map_id, recordable)
         with self._changing() as machine:
-            if not machine.planned(time.monotonic(), attempt, route.id, route.vertices[0], text):
+            if not machine.planned(time.monotonic(), attempt, route.id, route.vertices[0], text, repeated):
                 raise MissionRefused(f"the plan came too late: the robot is {machine.mission.doing}")
         return text
 
@@ -283,14 +293,18 @@ class Navigator:
 
     def _stand_at(self, command: Command) -> str:
         environment = command.environment or self._environment
-        if command.vertex is None:
-            raise MissionRefused("a position is a vertex: write it as map:index")
+        if (command.vertex is None) != command.find:
+            raise MissionRefused("a position is a vertex, written as map:index, or is to be found by the robot itself")
         with self._changing() as machine:
             machine.check("position")
-        _check_exists(command.vertex, self._maps(environment), environment)
+        vertex, remark = command.vertex, ""
+        if vertex is None:
+            found = self._questions.where(environment)
+            vertex, remark = found.vertex, f": {found.inliers} landmarks agree"
+        check_exists(vertex, self._questions.maps(environment), environment)
         with self._changing() as machine:
-            machine.stand_at(environment, command.vertex)
-        return f"the robot stands at {command.vertex}"
+            machine.stand_at(environment, vertex)
+        return f"the robot stands at {vertex}{remark}"
 
     # --- what commands ask for ---------------------------------------------------------------------------------------
 
@@ -306,40 +320,22 @@ class Navigator:
         if self._latched():
             raise MissionRefused(f"cannot {command} while the emergency stop is latched: reset it first")
 
-    def _where(self, command: Command, environment: str) -> VertexId | None:
-        """The operator's word for where the robot stands, else what is known, if it is of this environment."""
+    def _start(self, command: Command, environment: str, maps: list[MapSummary]) -> _Start:
+        """Where the robot stands: by the operator's word, else as it is known, else as the estimator finds it."""
+        if command.vertex is not None:
+            check_exists(command.vertex, maps, environment)
+            return _Start(command.vertex)
         mission = self._machine.mission
-        known = mission.position if mission.environment == environment else None
-        return command.vertex or known
-
-    def _maps(self, environment: str) -> list[MapSummary]:
-        query = GraphQuery(environment=environment)
-        answer: MapList = self._bus.ask(topics.MAPS, query, timeout=self._settings.store_s)
-        return answer.maps
-
-    def _await_finished(self, record: MapRecord) -> MapSummary:
-        """The map in the store, once the estimator has finished it there."""
-        deadline = time.monotonic() + self._settings.finish_s
-        found: MapSummary | None = None
-        while time.monotonic() < deadline and not self._service.stop.is_set():
-            with contextlib.suppress(RetraverseError):  # a store that is started anew answers a moment later
-                found = next((m for m in self._maps(record.environment) if m.record.id == record.id), None)
-            if found is not None and found.finished:
-                return found
-            self._service.stop.wait(_STORE_POLL_S)
-        wait = f"{self._settings.finish_s:g} s"
-        if found is None:
-            raise MissionRefused(
-                f"the store has no vertex of map {record.id} after {wait}: did the estimator see any frame?"
-            )
-        raise MissionRefused(f"map {record.id} is not complete in the store after {wait}; see the estimator's log")
-
-    def _name_place(self, environment: str, place: str, vertex: VertexId) -> None:
-        question = NamePlace(environment=environment, place=place, vertex=vertex)
+        if mission.environment == environment and mission.position is not None and exists(mission.position, maps):
+            return _Start(mission.position)
+        if not maps:
+            return _Start(None)
         try:
-            self._bus.ask(topics.NAME_PLACE, question, timeout=self._settings.store_s)
+            found = self._questions.where(environment)
         except RetraverseError as error:
-            raise MissionRefused(f"the map is stored, but '{place}' could not be named: {error}") from None
+            return _Start(None, f"it did not find itself: {error}")
+        log.info("the robot found itself", vertex=str(found.vertex), inliers=found.inliers)
+        return _Start(found.vertex)
 
     # --- position file -----------------------------------------------------------------------------------------------
 
@@ -363,12 +359,3 @@ class Navigator:
             log.warning("the position cannot be kept", path=str(self._path), reason=error.strerror)
         else:
             self._saved = known
-
-
-def _exists(vertex: VertexId, maps: list[MapSummary]) -> bool:
-    return any(m.record.id == vertex.map_id and 0 <= vertex.index < m.vertices for m in maps)
-
-
-def _check_exists(vertex: VertexId, maps: list[MapSummary], environment: str) -> None:
-    if not _exists(vertex, maps):
-        raise MissionRefused(f"environment '{environment}' has no vertex {vertex}")

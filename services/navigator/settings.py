@@ -25,6 +25,8 @@ class Settings:
         data_s: a gap in these data that is longer pauses the mission. Safety, whose limits are shorter, has stopped the
             robot by then; a gap that ends sooner costs a short stop and no operator's help.
         localization_s: a robot that drives on dead reckoning for longer is paused.
+        relocalize_s: deadline of the estimator's answer where the robot is to find itself.
+        record_repeats: whether a repeat records an experience on its way, unless its command says otherwise.
         finish_s: deadline for a taught map to be complete in the store.
         store_s: deadline of the store's other answers.
     """
@@ -36,5 +38,7 @@ class Settings:
     first_data_s: Seconds = 30.0
     data_s: Seconds = 5.0
     localization_s: Seconds = 10.0
+    relocalize_s: Seconds = 4.0
+    record_repeats: bool = True
     finish_s: Seconds = 8.0
     store_s: Seconds = 2.0

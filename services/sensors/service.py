@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import structlog
 
@@ -57,6 +58,7 @@ class SyntheticDriver:
             log.info("the robot stands where it stood", x=round(stood.x, 2), y=round(stood.y, 2))
         self._world.warm_up()
         self._service.bus.serve(topics.TRUTH_PLACE, self._put_down)
+        self._service.bus.serve(topics.TRUTH_TIME, self._set_clock)
         self._service.thread(self._drive, "base")
         self._service.ready()
         self._see()
@@ -74,6 +76,15 @@ class SyntheticDriver:
         with self._lock:
             self._world.place(place.x, place.y, place.yaw)
         return m.Done(text="the robot was put down")
+
+    def _set_clock(self, moment: m.WorldTime) -> m.Done:
+        """Moves the sun; answered once the shadows are computed anew.
+
+        It takes no lock: the base drives on meanwhile, and frames keep the old light until the new one is whole.
+        """
+        time = datetime.fromtimestamp(moment.stamp / 1e9, UTC)
+        self._world.set_time(time)
+        return m.Done(text=f"it is {time:%Y-%m-%d %H:%M} UTC in the world")
 
     def _drive(self) -> None:
         """The base, stepped by the time that really passed."""

@@ -18,6 +18,7 @@ CLIENTS = (
     ("teach",),
     ("teach", "--finish"),
     ("repeat", "dock"),
+    ("position", "--find"),
     ("pause",),
     ("resume",),
     ("cancel",),

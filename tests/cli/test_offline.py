@@ -87,3 +87,30 @@ def test_odd_frames_are_localized_on_the_even_ones(vtr, data_dir, tmp_path):
     assert figures["position_error_m"]["median"] < 0.03
     with (tmp_path / "frames.csv").open() as file:
         assert [row["localized"] for row in csv.DictReader(file)] == ["1"] * 6
+
+
+def test_a_grey_recording_says_that_it_has_the_plain_stream_alone(vtr, data_dir, tmp_path):
+    slices = ("--teach-frames", ":8:2", "--repeat-frames", "1:8:2")
+    result = vtr("localize", data_dir / "kitti06_gray_stereo", *slices, "--plot", tmp_path / "both.png")
+    assert result.code == 0
+    assert "grey: the plain stream alone" in result.out
+    assert (tmp_path / "both.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_colour_recording_is_reported_by_stream_and_drawn(vtr, data_dir, tmp_path):
+    slices = ("--teach-frames", ":8:2", "--repeat-frames", "1:8:2")
+    files = ("--plot", tmp_path / "plots", "-o", tmp_path / "frames.csv")
+    result = vtr("localize", data_dir / "kitti02_colour_stereo", *slices, *files, "--json")
+    figures = json.loads(result.out)
+    assert figures["streams"]["plain"]["coverage"] == figures["coverage"] == 1.0
+    assert "invariant" in figures["streams"]
+    assert figures["driven_m"] == pytest.approx(8.4, abs=2.0)
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["dead_reckoning.png", "localized.png"]
+    with (tmp_path / "frames.csv").open() as file:
+        assert [row["plain"] for row in csv.DictReader(file)] == ["1"] * 4
+
+
+def test_a_plot_that_cannot_be_written_is_refused_before_the_work(vtr, recording, tmp_path):
+    assert "no folder" in vtr("localize", recording, "--plot", tmp_path / "missing" / "x.png").sentence
+    (tmp_path / "file").touch()
+    assert "--plot" in vtr("localize", recording, "--plot", tmp_path / "file").sentence

@@ -38,12 +38,26 @@ def test_orders_arrive_as_they_were_given(robot, orders, vtr):
     assert vtr("teach", "--start-place", "dock", "-c", robot.config).out == "understood\n"
     vtr("teach", "--finish", "--end-place", "gate", "-c", robot.config)
     vtr("repeat", "gate", "--from", str(VERTEX), "-c", robot.config)
+    vtr("repeat", "gate", "--no-record", "-c", robot.config)
+    vtr("position", str(VERTEX), "-c", robot.config)
+    found = vtr("position", "--find", "-e", "park", "--json", "-c", robot.config)
+    assert json.loads(found.out) == {"action": "position", "text": "understood"}
     assert json.loads(vtr("cancel", "--json", "-c", robot.config).out) == {"action": "cancel", "text": "understood"}
-    teach, finish, repeat, cancel = orders
+    teach, finish, repeat, unrecorded, placed, found, cancel = orders
     assert (teach.action, teach.start_place) == ("teach", "dock")
     assert (finish.action, finish.end_place) == ("finish", "gate")
     assert (repeat.action, repeat.goal, repeat.vertex) == ("repeat", "gate", VERTEX)
+    assert (repeat.record, unrecorded.record) == (None, False)
+    assert (placed.action, placed.vertex, placed.find) == ("position", VERTEX, False)
+    assert (found.vertex, found.find, found.environment) == (None, True, "park")
     assert cancel.action == "cancel"
+
+
+@pytest.mark.parametrize("arguments", [(), (str(VERTEX), "--find")], ids=["nothing", "both"])
+def test_a_position_is_named_or_looked_for(vtr, arguments):
+    result = vtr("position", *arguments)
+    assert result.code == 1
+    assert "--find" in result.sentence
 
 
 @pytest.mark.usefixtures("orders")

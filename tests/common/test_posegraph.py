@@ -147,6 +147,19 @@ def test_a_window_holds_the_nearest_vertices_with_their_true_poses(seed: int, co
         assert np.linalg.eigvalsh(transform.covariance)[0] > -1e-12
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0, 6))
+def test_what_is_within_some_metres_is_what_brute_force_says(seed: int, metres: float) -> None:
+    world = World(seed)
+    start = vertex(1, 2)
+    expected = {v: d for (a, v), d in world.distances().items() if a == start and d <= metres}
+    found = world.graph.within(start, metres)
+    assert found == pytest.approx(expected)
+    assert list(found.values()) == sorted(found.values())
+    alone = world.graph.within(start, metres, lambda v: v.map_id == start.map_id)
+    assert {v.map_id for v in alone} == {start.map_id}
+
+
 def test_a_window_reaches_another_experience_through_a_spatial_edge() -> None:
     graph = chain(5)
     graph.add_experience(record(1, generation=1))
@@ -257,6 +270,7 @@ def test_questions_about_what_is_not_there_have_a_sentence() -> None:
         lambda: graph.poses_along([]),
         lambda: graph.poses_along([vertex(0, 0), vertex(0, 2)]),
         lambda: graph.window(vertex(0, 3), 5),
+        lambda: graph.within(vertex(0, 3), 5.0),
         lambda: graph.vertices("nothing"),
     ):
         with pytest.raises(GraphError):
@@ -287,6 +301,22 @@ def test_check_lists_what_a_graph_should_not_hold() -> None:
         "place 'barn'",
     ):
         assert sentence in found
+
+
+def test_maps_recorded_in_repeats_are_sound_as_long_as_they_are_joined() -> None:
+    graph = chain(4)
+    for number in (1, 2, 3):
+        graph.add_experience(record(number, generation=1))
+        for index in range(3):
+            graph.add_vertex(vertex(number, index))
+            if index:
+                T = Uncertain(geometry.from_xy_yaw(1, 0, 0), np.eye(6) * 1e-4)
+                graph.add_edge(Edge(vertex(number, index - 1), vertex(number, index), T, spatial=False))
+        if number < 3:
+            joined = Uncertain(geometry.from_xy_yaw(0.1, 0, 0), np.eye(6) * 1e-4)
+            graph.add_edge(Edge(vertex(0, number), vertex(number, 1), joined, spatial=True))
+    assert check(graph) == [f"map {map_id(3)} was repeated, and no spatial edge joins it to another"]
+    assert [e.privileged for e in graph.experiences.values()] == [True, False, False, False]
 
 
 def test_ten_thousand_vertices_are_searched_end_to_end() -> None:

@@ -30,7 +30,7 @@ def test_teach_and_repeat(robot):
 
 def test_a_second_route_branches_off_the_first_and_a_repeat_drives_both(robot):
     robot.calm()
-    (first,) = robot.vertices()
+    first = robot.taught()[0]
     states = robot.states()
     robot.command("teach")
     robot.soon(lambda: state_is(states, "Teach.Branch"), "the robot has localized and branches off", 20.0)
@@ -39,7 +39,7 @@ def test_a_second_route_branches_off_the_first_and_a_repeat_drives_both(robot):
     robot.soon(lambda: robot.speed() < 0.01, "the robot stands")
     robot.command("finish", end_place="far", timeout=30.0)
     human.stop()
-    assert len(robot.vertices()) == 2
+    assert len(robot.taught()) == 2
     start = robot.route[0]
     robot.put_down(*start)
     robot.command("repeat", goal="far", vertex=(first, 0))

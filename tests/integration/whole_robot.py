@@ -136,10 +136,17 @@ class WholeRobot:
         for map_id in self.vertices(environment):
             self.bus.ask(topics.REMOVE, GraphQuery(map=map_id), timeout=10.0)
 
+    def maps(self, environment="garden"):
+        """The stored maps of an environment, the oldest first."""
+        return self.bus.ask(topics.MAPS, GraphQuery(environment=environment), timeout=5.0).maps
+
     def vertices(self, environment="garden"):
         """Vertices of each stored map of an environment, by the map's id."""
-        answer = self.bus.ask(topics.MAPS, GraphQuery(environment=environment), timeout=5.0)
-        return {found.record.id: found.vertices for found in answer.maps}
+        return {found.record.id: found.vertices for found in self.maps(environment)}
+
+    def taught(self):
+        """Ids of the taught maps, the oldest first."""
+        return [found.record.id for found in self.maps() if found.record.generation == 0]
 
     def drive_by_hand(self, route, settings=None):
         """Starts a human who drives a route until stopped."""

@@ -29,6 +29,8 @@ class FeatureSet:
         landmarks: (N, 3) float32, metres, in the optical frame of the pair, or in the frame the map was moved to.
         covariances: (N, 3, 3) float32, square metres, of the landmarks in that frame.
         depths: (N,) float32, metres, from which each patch was seen.
+        slants: (N,) float32, change of the disparity from one row of the patch to the next: a surface that leans.
+        disparity_sigmas: (N,) float32, pixels, standard deviation of the disparity, by the patch's fit.
         descriptors: (N, 32) uint8, BRIEF-256.
         patches: (N, 13, 13) uint8, the pixels around each feature in the left image.
     """
@@ -37,6 +39,8 @@ class FeatureSet:
     landmarks: Array32
     covariances: Array32
     depths: Array32
+    slants: Array32
+    disparity_sigmas: Array32
     descriptors: NDArray[np.uint8]
     patches: NDArray[np.uint8]
 
@@ -86,6 +90,8 @@ _LAYOUT: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {
     "landmarks": ((3,), np.dtype(np.float32)),
     "covariances": ((3, 3), np.dtype(np.float32)),
     "depths": ((), np.dtype(np.float32)),
+    "slants": ((), np.dtype(np.float32)),
+    "disparity_sigmas": ((), np.dtype(np.float32)),
     "descriptors": ((BYTES,), np.dtype(np.uint8)),
     "patches": ((PATCH, PATCH), np.dtype(np.uint8)),
 }

@@ -89,8 +89,8 @@ class StereoLocalizer:
             guess = Uncertain(np.eye(4), np.diag(sigma**2))
         everywhere = replace(s.matching, max_radius=float(self.camera.width), ransac_iterations=s.search_iterations)
         found, solution = self._measure(local_map, live, guess, everywhere)
-        if solution is None or solution.inliers.sum() < s.min_inliers:
-            return self._judge(guess, found, solution, s.min_inliers, np.inf)
+        if solution is None or solution.inliers.sum() < s.search_first_inliers:
+            return self._judge(guess, found, solution, s.search_first_inliers, np.inf)
         first = solution.T_live_map.inverse()
         narrow = Uncertain(first.T, first.covariance + np.diag(np.repeat([0.05, 0.01], 3) ** 2))
         found, solution = self._measure(local_map, live, narrow, s.matching)

@@ -33,7 +33,7 @@ class Matches(NamedTuple):
     Attributes:
         landmarks, features: (K,) indices into the map's and the frame's features.
         uvd: (K, 3) the measurements ``(u, v, d)`` in the live frame, pixels.
-        noise: (K, 3) their variances, square pixels.
+        noise: (K, 3, 3) their covariances, square pixels.
     """
 
     landmarks: NDArray[np.int64]
@@ -42,13 +42,29 @@ class Matches(NamedTuple):
     noise: Array
 
 
+class Predictions(NamedTuple):
+    """How N landmarks will appear in a live frame.
+
+    Attributes:
+        uvd: (N, 3) predicted measurements.
+        covariances: (N, 3, 3) of them, with the measurement's own noise.
+        ratios: (N,) of live to stored depth; not positive behind the camera.
+        warps: (N, 2, 2) from an offset in the stored patch to one in the live image.
+    """
+
+    uvd: Array
+    covariances: Array
+    ratios: Array
+    warps: Array
+
+
 @kernel
 def _predict_all(
-    uvd: Array, landmark_covariances: Array, T: Array, pose_covariance: Array, k: Array, noise: Array
-) -> tuple[Array, Array, Array]:
-    """Predicted measurements (N, 3), their covariances (N, 3, 3) and the ratios (N,) of live to stored depth."""
+    uvd: Array, landmark_covariances: Array, slants: Array, T: Array, pose_covariance: Array, k: Array, noise: Array
+) -> Predictions:
+    """What the landmarks' measurements will be, for their slants (N,) and the noise (3, 3) of a measurement."""
     n = uvd.shape[0]
-    predicted, covariances, ratios = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n)
+    predicted, covariances, ratios, warps = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n), np.zeros((n, 2, 2))
     by_pose, by_landmark = np.zeros((3, 6)), np.zeros((3, 3))
     for i in range(n):
         ratios[i] = model.predict(uvd[i], T, k, predicted[i])
@@ -56,7 +72,10 @@ def _predict_all(
             model.derivatives(uvd[i], T, k, by_pose, by_landmark)
             model.innovation_covariance(by_landmark, landmark_covariances[i], noise, covariances[i])
             model.add_quadratic(by_pose, pose_covariance, covariances[i])
-    return predicted, covariances, ratios
+            for a in range(2):
+                warps[i, a, 0] = by_landmark[a, 0]
+                warps[i, a, 1] = by_landmark[a, 1] + by_landmark[a, 2] * slants[i]
+    return Predictions(predicted, covariances, ratios, warps)
 
 
 @kernel
@@ -97,9 +116,7 @@ def _best_in_region(
 
 @kernel
 def _search(
-    predicted: Array,
-    covariances: Array,
-    ratios: Array,
+    predictions: Predictions,
     words: NDArray[np.uint64],
     live_uvd: Array,
     live_words: NDArray[np.uint64],
@@ -110,6 +127,7 @@ def _search(
     ratio: float,
 ) -> NDArray[np.int64]:
     """Index (N,) of the live feature that each landmark matches, -1 where none does, unambiguously and mutually."""
+    predicted, covariances, ratios = predictions.uvd, predictions.covariances, predictions.ratios
     n = predicted.shape[0]
     match = np.full(n, -1, np.int64)
     owner, owner_distance = np.full(live_uvd.shape[0], -1, np.int64), np.full(live_uvd.shape[0], 257, np.int64)
@@ -147,23 +165,26 @@ def search(
     """Find the landmarks of a map among the features of a live frame, by region and descriptor.
 
     ``prior`` is ``T_live_map`` between optical frames; ``live`` is in reading order. Returns indices (K,) into the map
-    and into the live features, and the ratio (K,) of the predicted live depth to the depth in the map's frame.
+    and into the live features, and the predicted warps (K, 2, 2) of their patches.
     """
     none = np.zeros(0, dtype=np.int64)
     if len(landmarks) == 0 or len(live) == 0:
-        return none, none, np.zeros(0)
+        return none, none, np.zeros((0, 2, 2))
     k = model.intrinsics(camera)
     uvd, covariances = model.as_uvd(landmarks.landmarks, landmarks.covariances, k)
-    variances = np.array([noise.detection**2, noise.detection**2, noise.disparity**2])
-    predicted, regions, ratios = _predict_all(uvd, covariances, prior.T, prior.covariance, k, variances)
+    place = np.diag([noise.detection**2, noise.detection**2, noise.detection_disparity**2])
+    slants = landmarks.slants.astype(np.float64)
+    predictions = _predict_all(uvd, covariances, slants, prior.T, prior.covariance, k, place)
     live_uvd = _live_uvd(live, camera)
     row_starts = np.searchsorted(live_uvd[:, 1], np.arange(camera.height + 1)).astype(np.int64)
     match = _search(
-        predicted, regions, ratios, as_words(landmarks.descriptors), live_uvd, as_words(live.descriptors), row_starts,
+        predictions, as_words(landmarks.descriptors), live_uvd, as_words(live.descriptors), row_starts,
         settings.gate, settings.max_radius, settings.max_hamming, settings.ratio,
     )  # fmt: skip
     found = np.flatnonzero(match >= 0)
-    return found, match[found], ratios[found]
+    # A map that was moved to another frame keeps the patches of the frame that saw them.
+    seen_from = landmarks.depths[found] / landmarks.landmarks[found, 2]
+    return found, match[found], predictions.warps[found] * seen_from[:, None, None]
 
 
 def match(
@@ -178,22 +199,54 @@ def match(
 
     ``prior`` is ``T_live_map`` between optical frames. Landmarks must lie before the map's frame.
     """
-    found, features, ratios = search(landmarks, live.features, prior, camera, settings, noise)
+    found, features, predicted = search(landmarks, live.features, prior, camera, settings, noise)
     if len(found) > settings.max_matches:
         nearest = np.sort(np.argsort(landmarks.landmarks[found, 2], kind="stable")[: settings.max_matches])
-        found, features, ratios = found[nearest], features[nearest], ratios[nearest]
-    live_depths = ratios * landmarks.landmarks[found, 2]
-    scales = landmarks.depths[found] / live_depths
+        found, features, predicted = found[nearest], features[nearest], predicted[nearest]
+    bounded, scales = _bounded(predicted)
     uvd = _live_uvd(live.features, camera)[features]
     starts = uvd[:, :2].astype(np.float32)
-    refined = refinement.align(
-        landmarks.patches[found], live.left, starts, np.clip(scales, *_SCALE_RANGE).astype(np.float32),
-        settings.refine_iterations,
-    )  # fmt: skip
+    refined = refinement.align(landmarks.patches[found], live.left, starts, bounded, settings.refine_iterations)
+    moved = refined[:, :2] - starts
     good = (refined[:, 2] >= settings.min_correlation) & (
-        np.abs(refined[:, :2] - starts).max(axis=1, initial=0.0) <= settings.max_refine_shift
+        np.abs(moved).max(axis=1, initial=0.0) <= settings.max_refine_shift
     )
     uvd[:, :2] = refined[:, :2]
-    place = noise.pixel**2 + (noise.parallax * np.log(np.maximum(scales, 1e-3))) ** 2
-    variances = np.stack([place, place, np.full_like(place, noise.disparity**2)], axis=-1)
-    return Matches(found[good], features[good], uvd[good], variances[good])
+    uvd[:, 2] += live.features.slants[features] * moved[:, 1]
+    covariances = _noise(refined, live.features.disparity_sigmas[features], scales, noise)
+    return Matches(found[good], features[good], uvd[good], covariances[good])
+
+
+def _noise(
+    refined: NDArray[np.float32], disparity_sigmas: NDArray[np.float32], scales: Array, noise: NoiseSettings
+) -> Array:
+    """Covariances (K, 3, 3) of measurements whose places were aligned."""
+    out = np.zeros((len(refined), 3, 3))
+    out[:, :2, :2] = place_noise(refined, scales, noise)
+    out[:, 2, 2] = disparity_sigmas.astype(np.float64) ** 2
+    return out
+
+
+def place_noise(refined: NDArray[np.float32], scales: Array, noise: NoiseSettings) -> Array:
+    """Covariances (K, 2, 2) of places from :func:`refinement.align`: what the fit says, and what no fit can."""
+    out = np.zeros((len(refined), 2, 2))
+    unseen = noise.pixel**2 + (noise.parallax * np.log(scales)) ** 2
+    out[:, 0, 0], out[:, 1, 1] = refined[:, 3] + unseen, refined[:, 5] + unseen
+    out[:, 0, 1] = out[:, 1, 0] = refined[:, 4]
+    return out
+
+
+def warps(landmarks: FeatureSet, T_live_map: Uncertain, camera: StereoCamera) -> tuple[NDArray[np.float32], Array]:
+    """Warps (N, 2, 2) under which the patches of landmarks appear in a live frame, and their scales (N,)."""
+    uvd, covariances = model.as_uvd(landmarks.landmarks, landmarks.covariances, model.intrinsics(camera))
+    predictions = _predict_all(
+        uvd, covariances, landmarks.slants.astype(np.float64), T_live_map.T, T_live_map.covariance,
+        model.intrinsics(camera), np.zeros((3, 3)),
+    )  # fmt: skip
+    return _bounded(predictions.warps)
+
+
+def _bounded(warps: Array) -> tuple[NDArray[np.float32], Array]:
+    """Warps (N, 2, 2) whose scales are brought between bounds, and the scales (N,) before that."""
+    scales = np.sqrt(np.maximum(np.abs(np.linalg.det(warps)), 1e-6))
+    return (warps * (np.clip(scales, *_SCALE_RANGE) / scales)[:, None, None]).astype(np.float32), scales

@@ -76,10 +76,10 @@ def derivatives(m: Array, T: Array, k: Array, by_pose: Array, by_landmark: Array
 
 @kernel
 def innovation_covariance(by_landmark: Array, landmark_covariance: Array, noise: Array, out: Array) -> None:
-    """Write ``G P G^T + diag(noise)`` (3, 3): what the landmark's and the measurement's noise make of the error."""
+    """Write ``G P G^T + R`` (3, 3): what the landmark's and the measurement's covariances make of the error."""
     for i in range(3):
         for j in range(i, 3):
-            total = noise[i] if i == j else 0.0
+            total = noise[i, j]
             for p in range(3):
                 for q in range(3):
                     total += by_landmark[i, p] * landmark_covariance[p, q] * by_landmark[j, q]

@@ -20,8 +20,14 @@ from services.estimator.stereo.features import StereoFrame
 from services.estimator.stereo.preprocessing import preprocess
 from services.estimator.stereo.rectification import Rectification, triangulate
 from services.estimator.stereo.settings import OdometrySettings, StereoSettings
+from services.estimator.stereo.window import Links, WindowAdjuster, WindowKeyframe
 
 Array = NDArray[np.float64]
+
+
+_REUSED = 4.0
+"""How many times the variance of the last pair's pose counts in the prior of the next: a pair can then never claim more
+than a third beside what its own images tell, however many were measured against one keyframe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +41,9 @@ class OdometryResult:
         T_odom_live: (4, 4), live pair in the frame of the first.
         T_previous_live: motion since the pair processed before, with covariance.
         T_keyframe_live: motion since the keyframe that was matched, with covariance.
+        keyframe: running number of that keyframe, 0 for the first; a pair with ``is_keyframe`` is the next one, or the
+            first. Motions since different keyframes have independent errors but for those of the calibration; motions
+            since the same one share the errors of its landmarks, so that covariances add up per keyframe only.
         is_keyframe: whether later pairs are matched against this one.
         matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
         rms: root mean square error of the inliers in the left image, pixels.
@@ -48,6 +57,7 @@ class OdometryResult:
     T_odom_live: Array
     T_previous_live: Uncertain
     T_keyframe_live: Uncertain
+    keyframe: int
     is_keyframe: bool
     matches: int
     inliers: int
@@ -72,21 +82,33 @@ class StereoOdometry:
     The pose is that of the left camera. An instance holds one stream's state and belongs to one thread.
     """
 
-    def __init__(self, camera: StereoCamera, settings: StereoSettings | None = None) -> None:
+    def __init__(
+        self, camera: StereoCamera, settings: StereoSettings | None = None, adjuster: WindowAdjuster | None = None
+    ) -> None:
+        """``adjuster`` refines the keyframes; whoever makes it runs its thread."""
         self.camera = camera
         self.settings = settings or StereoSettings()
         self._intrinsics = model.intrinsics(camera)
+        self._adjuster = adjuster
         self._keyframe: StereoFrame | None = None
         self._T_odom_keyframe: Array = np.eye(4)
         self._motion: _Motion | None = None
         self._rectification = Rectification.unknown(self.settings.noise)
         self._first_sigma = np.inf
         self._failures = 0
+        self._number = 0
+
+    @property
+    def rectification(self) -> Rectification:
+        """The latest estimate of what remains of the cameras' misalignment."""
+        return self._rectification
 
     def reset(self) -> None:
         """Forget keyframe, motion and pose: the next pair is the first."""
         self._keyframe, self._motion, self._failures, self._first_sigma = None, None, 0, np.inf
         self._T_odom_keyframe = np.eye(4)
+        # A gap, so that no adjustment of before is taken for one of what follows.
+        self._number += 2
 
     def process(
         self, left: NDArray[Any], right: NDArray[Any], stamp_ns: int, prior: Uncertain | None = None
@@ -110,25 +132,33 @@ class StereoOdometry:
         times = {"features": features_ms, "match": 0.0, "solve": 0.0}
         if self._keyframe is None or self._motion is None:
             return self._start(frame, times)
+        self._take_adjustment()
         keyframe, motion = self._keyframe, self._motion
         seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
         step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
         T_keyframe_live = motion.T_keyframe_last @ step
-        solution, matches = self._measure(keyframe, frame, T_keyframe_live, times)
+        solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, step, times)
         if solution is None:
             wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
-            solution, matches = self._measure(keyframe, frame, motion.T_keyframe_last @ wide, times)
-        return self._conclude(frame, motion, seconds, T_keyframe_live, solution, matches, times)
+            solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, wide, times)
+        return self._conclude(frame, motion, seconds, T_keyframe_live, solution, found, times)
 
     def _measure(
-        self, keyframe: StereoFrame, frame: StereoFrame, T_keyframe_live: Uncertain, times: dict[str, float]
-    ) -> tuple[solver.Solution | None, int]:
-        """Match the keyframe's landmarks and solve; None where too few agree."""
+        self,
+        keyframe: StereoFrame,
+        frame: StereoFrame,
+        T_keyframe_last: Uncertain,
+        step: Uncertain,
+        times: dict[str, float],
+    ) -> tuple[solver.Solution | None, matching.Matches]:
+        """Match the keyframe's landmarks and solve; no solution where too few agree."""
         s, landmarks = self.settings.odometry, keyframe.features
         begin = perf_counter()
-        prior = T_keyframe_live.inverse()
+        prior = (T_keyframe_last @ step).inverse()
         found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
         middle = perf_counter()
+        # The last pair was measured against the same landmarks, whose errors are no new evidence at the next one.
+        weak = Uncertain(T_keyframe_last.T, _REUSED * T_keyframe_last.covariance) @ step
         chosen = landmarks.landmarks[found.landmarks], landmarks.covariances[found.landmarks]
         solution = solver.solve(
             model.as_uvd(*chosen, self._intrinsics),
@@ -136,7 +166,7 @@ class StereoOdometry:
             prior.T,
             self._intrinsics,
             s.matching,
-            prior,
+            weak.inverse(),
             self._rectification.covariance,
         )
         times["match"] += 1e3 * (middle - begin)
@@ -146,7 +176,7 @@ class StereoOdometry:
             solution.inliers.sum() < s.min_inliers or solution.inliers.sum() < s.min_inlier_ratio * matches
         ):
             solution = None
-        return solution, matches
+        return solution, found
 
     def _start(self, frame: StereoFrame, times: dict[str, float]) -> OdometryResult:
         """The first pair: nothing to compare it with."""
@@ -154,6 +184,7 @@ class StereoOdometry:
         if enough:
             self._keyframe = frame
             self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None)
+            self._hand_over(frame, np.eye(4), _links(None, None, None))
         return OdometryResult(
             stamp_ns=frame.stamp_ns,
             success=enough,
@@ -161,6 +192,7 @@ class StereoOdometry:
             T_odom_live=self._T_odom_keyframe.copy(),
             T_previous_live=Uncertain.identity(),
             T_keyframe_live=Uncertain.identity(),
+            keyframe=self._number,
             is_keyframe=enough,
             matches=0,
             inliers=0,
@@ -176,12 +208,12 @@ class StereoOdometry:
         seconds: float,
         predicted: Uncertain,
         solution: solver.Solution | None,
-        matches: int,
+        found: matching.Matches,
         times: dict[str, float],
     ) -> OdometryResult:
         """Take over what was measured, or the prior where nothing was."""
         s = self.settings.odometry
-        success = solution is not None
+        success, matches = solution is not None, len(found.landmarks)
         inliers = int(solution.inliers.sum()) if solution else 0
         T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
         T_previous_live = Uncertain(
@@ -202,6 +234,7 @@ class StereoOdometry:
             T_odom_live=T_odom_live,
             T_previous_live=T_previous_live,
             T_keyframe_live=T_keyframe_live,
+            keyframe=self._number,
             is_keyframe=is_keyframe,
             matches=matches,
             inliers=inliers,
@@ -216,10 +249,29 @@ class StereoOdometry:
                 self._rectification = self._rectification.updated(
                     solution.rectification, solution.rectification_covariance, self.settings.noise
                 )
+            previous = self._keyframe
             self._keyframe, self._T_odom_keyframe = self._corrected(frame), geometry.normalize(T_odom_live)
             self._failures, self._first_sigma, last = 0, np.inf, Uncertain.identity()
+            self._number += 1
+            self._hand_over(frame, T_keyframe_live.T, _links(previous, found, solution))
         self._motion = _Motion(frame.stamp_ns, last, velocity if self._failures < s.max_failures else None)
         return result
+
+    def _hand_over(self, frame: StereoFrame, T_previous_keyframe: Array, links: Links) -> None:
+        """Drop the new keyframe off for adjustment, with the landmarks that it shares with the one before."""
+        if self._adjuster is not None:
+            T, known = self._T_odom_keyframe, self._rectification
+            self._adjuster.put(WindowKeyframe(self._number, frame, T, T_previous_keyframe, links, known))
+
+    def _take_adjustment(self) -> None:
+        """Pick up what is known better of the present keyframe by now."""
+        adjustment = None if self._adjuster is None else self._adjuster.take()
+        if adjustment is None or adjustment.keyframe != self._number or self._keyframe is None:
+            return
+        self._T_odom_keyframe = adjustment.T_odom_keyframe
+        if self.settings.bundle.refine_landmarks:
+            self._keyframe = replace(self._keyframe, features=adjustment.features)
+            self._rectification = adjustment.rectification
 
     def _corrected(self, frame: StereoFrame) -> StereoFrame:
         """The pair with its landmarks by the latest estimate of the rectification."""
@@ -258,6 +310,16 @@ class StereoOdometry:
             or geometry.rotation_angle(T_keyframe_live.T) > s.keyframe_rotation
             or _position_sigma(T_keyframe_live) > s.keyframe_growth * self._first_sigma
         )
+
+
+def _links(previous: StereoFrame | None, found: matching.Matches | None, solution: solver.Solution | None) -> Links:
+    """The landmarks that agree on the motion from the keyframe before; none where there is no such motion."""
+    if previous is None or found is None or solution is None:
+        none = np.zeros((0, 2))
+        return Links(none.astype(np.float32), np.zeros(0, dtype=np.int64), none, np.zeros((0, 2, 2)))
+    kept = solution.inliers
+    corners = previous.features.measurements[found.landmarks[kept], :2]
+    return Links(corners, found.features[kept], found.uvd[kept, :2], found.noise[kept, :2, :2])
 
 
 def _position_sigma(T: Uncertain) -> float:

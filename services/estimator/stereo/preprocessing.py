@@ -59,17 +59,19 @@ def preprocess(
     s = settings.preprocessing
     corners_left = fast.detect(grey_left, s.fast_threshold, cell=s.cell, limit=s.max_features)
     corners_right = fast.detect(grey_right, s.fast_threshold, cell=s.cell, limit=None)
-    matched, disparity = stereo_matching.correspond(grey_left, grey_right, corners_left, corners_right, s)
+    matched, seen_in_both = stereo_matching.correspond(grey_left, grey_right, corners_left, corners_right, s)
     if len(matched) == 0:
         return StereoFrame(stamp_ns, grey_left, FeatureSet.empty())
     places = np.ascontiguousarray(corners_left[matched])
     u, count = places[:, 0].astype(np.float32), len(places)
     smooth = np.asarray(cv2.GaussianBlur(grey_left, (0, 0), _SMOOTHING), dtype=np.uint8)
     seen = FeatureSet(
-        measurements=np.stack([u, places[:, 1].astype(np.float32), u - disparity], axis=-1),
+        measurements=np.stack([u, places[:, 1].astype(np.float32), u - seen_in_both.disparity], axis=-1),
         landmarks=np.zeros((count, 3), dtype=np.float32),
         covariances=np.zeros((count, 3, 3), dtype=np.float32),
         depths=np.zeros(count, dtype=np.float32),
+        slants=seen_in_both.slant,
+        disparity_sigmas=np.sqrt(seen_in_both.variance + settings.noise.disparity**2).astype(np.float32),
         descriptors=brief.describe(smooth, places),
         patches=refinement.extract(grey_left, places),
     )

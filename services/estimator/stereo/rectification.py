@@ -68,7 +68,8 @@ def triangulate(
     jacobian = np.zeros((len(z), 3, 3))
     jacobian[:, 0, 0], jacobian[:, 1, 1] = z / camera.fx, z / camera.fy
     jacobian[:, :, 2] = -ray * (z / disparity)[:, None]
-    jacobian *= np.array([noise.landmark_pixel, noise.landmark_pixel, noise.disparity])
+    jacobian[:, :, :2] *= noise.landmark_pixel
+    jacobian[:, :, 2] *= features.disparity_sigmas[:, None]
     return replace(
         features,
         landmarks=(ray * z[:, None]).astype(np.float32),

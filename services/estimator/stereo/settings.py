@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
 
 
 @dataclass(frozen=True, slots=True)
@@ -10,9 +13,10 @@ class NoiseSettings:
     """Standard deviations of what the images measure.
 
     Attributes:
-        pixel: of a feature's place in the left image after refinement, pixels, along each axis.
-        disparity: of the disparity after refinement, pixels. A landmark's depth error follows from it: it grows with
-            the square of the depth.
+        pixel: of a feature's place in the left image after refinement, pixels, along each axis, beside what the
+            patch's fit says.
+        disparity: of the disparity after refinement, pixels, beside what the patch's fit says. A landmark's depth
+            error follows from it: it grows with the square of the depth.
         landmark_pixel: of a stored feature's place, pixels: its patch is what defines the place, so little is left.
         disparity_offset: error of the calibration's disparities that all features share, pixels.
         disparity_curvature: and the part of it that grows with the square of the distance from the image's middle,
@@ -20,18 +24,43 @@ class NoiseSettings:
         rectification_walk: change of the two from keyframe to keyframe, as a part of the two.
         detection: of a detected corner about the place where the landmark truly projects, pixels; widens the search
             before refinement.
+        detection_disparity: of its disparity, pixels, likewise.
         parallax: error of a refined place per unit of relative change of depth between the two views, pixels: a patch
             seen from nearer or farther is not the same patch.
     """
 
-    pixel: float = 0.25
-    disparity: float = 0.25
-    landmark_pixel: float = 0.1
+    pixel: float = 0.06
+    disparity: float = 0.06
+    landmark_pixel: float = 0.05
     disparity_offset: float = 0.4
     disparity_curvature: float = 1.0
     rectification_walk: float = 0.02
     detection: float = 1.0
-    parallax: float = 2.0
+    detection_disparity: float = 0.5
+    parallax: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class InvarianceSettings:
+    """The illumination-invariant stream of a colour camera.
+
+    Attributes:
+        enabled: whether it runs beside the plain stream.
+        alpha, beta: weights of blue and red; None: from the camera's peak wavelengths.
+        black_level: grey level of no light.
+        floor: intensity, as a part of full scale, that is added before the logarithm: about the sensor's noise.
+        contrast: grey levels a unit of the invariant intensity.
+        smoothing: standard deviation of the smoothing before and after, pixels: the logarithms of three noisy channels
+            are noisier than any of them.
+    """
+
+    enabled: bool = True
+    alpha: float | None = None
+    beta: float | None = None
+    black_level: Annotated[float, Field(ge=0, le=200)] = 0.0
+    floor: Annotated[float, Field(gt=0, le=1)] = 0.01
+    contrast: Annotated[float, Field(gt=0, le=5000)] = 250.0
+    smoothing: Annotated[float, Field(ge=0, le=2)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +158,34 @@ class OdometrySettings:
 
 
 @dataclass(frozen=True, slots=True)
+class BundleSettings:
+    """Bundle adjustment over a sliding window of keyframes.
+
+    Attributes:
+        enabled: whether it runs beside odometry. It does not by default: on the recordings and in the synthetic world
+            odometry without it drifts as little, and is steadier from frame to frame.
+        refine_landmarks: whether odometry goes on with the newest keyframe's landmarks as the window sees them, beside
+            its pose. They carry the window's own motion into the motions measured against them, so that errors of
+            scale feed themselves: off, unless a rig's single pairs say too little of depth.
+        keyframes: how many the window holds.
+        max_landmarks: most landmarks of a window; those that were seen most often are preferred.
+        min_correlation: least correlation of a landmark's first patch with a later keyframe's image.
+        gate: a measurement farther than this from its prediction is left out, pixels.
+        iterations: most steps.
+        robust_scale: standardised error at which Geman-McClure's weight has fallen to a quarter.
+    """
+
+    enabled: bool = False
+    refine_landmarks: bool = False
+    keyframes: int = 5
+    max_landmarks: int = 400
+    min_correlation: float = 0.8
+    gate: float = 3.0
+    iterations: int = 6
+    robust_scale: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
 class MappingSettings:
     """Local maps.
 
@@ -171,7 +228,8 @@ class LocalizationSettings:
         search_distance: standard deviation of the position assumed without a prior, metres.
         search_rotation: likewise of the rotation, radians.
         search_iterations: most minimal samples drawn without a prior.
-        search_min_inliers: least inliers when the prior says next to nothing.
+        search_first_inliers: least inliers of the first, wide search, that are worth a second, narrow one.
+        search_min_inliers: least inliers of that one, where the prior says next to nothing.
     """
 
     matching: MatchingSettings = field(default_factory=lambda: MatchingSettings(ratio=0.9))
@@ -184,8 +242,9 @@ class LocalizationSettings:
     rectification: float = 0.5
     search_distance: float = 1.0
     search_rotation: float = 0.3
-    search_iterations: int = 300
-    search_min_inliers: int = 25
+    search_iterations: int = 2000
+    search_first_inliers: int = 10
+    search_min_inliers: int = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +252,10 @@ class StereoSettings:
     """All stages of the pipeline."""
 
     noise: NoiseSettings = field(default_factory=NoiseSettings)
+    invariance: InvarianceSettings = field(default_factory=InvarianceSettings)
     preprocessing: PreprocessingSettings = field(default_factory=PreprocessingSettings)
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    bundle: BundleSettings = field(default_factory=BundleSettings)
     mapping: MappingSettings = field(default_factory=MappingSettings)
     vertex_creation: VertexCreationSettings = field(default_factory=VertexCreationSettings)
     localization: LocalizationSettings = field(default_factory=LocalizationSettings)

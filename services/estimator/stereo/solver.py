@@ -8,7 +8,6 @@ little, stretch the motion.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,15 +17,16 @@ from common import geometry
 from common.geometry import Uncertain
 from services.estimator.stereo import model, normal_equations, ransac
 from services.estimator.stereo.compiled import kernel
+from services.estimator.stereo.covariance import sandwich
 from services.estimator.stereo.settings import MatchingSettings
 
 Array = NDArray[np.float64]
 
-_CHI2_3_MEDIAN = 2.366
+CHI2_3_MEDIAN = 2.366
 """Median of the chi-square distribution with 3 degrees of freedom."""
 
 
-_SCALE_RANGE = (0.25, 25.0)
+SCALE_RANGE = (0.25, 25.0)
 """Bounds of the estimated scale of the noise's variance, against the settings."""
 
 _NONE = 1e-10 * np.eye(2)
@@ -109,11 +109,13 @@ def _linearize(
     hessian: Array,
     gradient: Array,
     errors2: Array,
+    scores: Array,
 ) -> None:
     """Normal equations of pose and rectification with the landmarks eliminated; moves the landmarks to their optimum.
 
     With ``r1 = m - latent`` and ``r2 = live - h(T, latent)`` the innovation ``y = r2 - G r1`` has the covariance
-    ``S = R2 + G R1 G^T``, whatever the landmark's true place; its weight is Geman-McClure's.
+    ``S = R2 + G R1 G^T``, whatever the landmark's true place; its weight is Geman-McClure's. ``scores`` (N, 8) are the
+    measurements' parts of the gradient.
     """
     predicted, y, s, information = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     r1, weighted, jacobian, shared = np.zeros(3), np.zeros(3), np.zeros((3, 8)), np.zeros((3, 2))
@@ -122,6 +124,7 @@ def _linearize(
     gradient[:] = 0.0
     for i in range(uvd.shape[0]):
         errors2[i] = np.inf
+        scores[i] = 0.0
         if model.predict(latent[i], T, k, predicted) <= 0.0:
             continue
         model.derivatives(latent[i], T, k, by_pose, by_landmark)
@@ -145,6 +148,9 @@ def _linearize(
         normal_equations.accumulate(jacobian, information, y, weight, hessian, gradient)
         for j in range(3):
             weighted[j] = information[j, 0] * y[0] + information[j, 1] * y[1] + information[j, 2] * y[2]
+        for a in range(8):
+            for j in range(3):
+                scores[i, a] += weight * jacobian[j, a] * weighted[j]
         _move_latent(latent[i], r1, covariances[i], by_landmark, weighted)
 
 
@@ -160,18 +166,19 @@ def _refine(
     anchor_information: Array,
     iterations: int,
     robust2: float,
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array]:
     """Robust Gauss-Newton over pose and rectification.
 
     ``anchor`` (8,) is the prior's value less the start, ``anchor_information`` (8, 8) its information. Returns the
-    pose, the rectification's change (2,), the normal equations' matrix (8, 8) and the squared errors (N,).
+    pose, the rectification's change (2,), the normal equations' matrix (8, 8), the squared errors (N,) and the scores
+    (N, 8).
     """
     T, c = start.copy(), np.zeros(2)
-    latent, errors2 = uvd.copy(), np.zeros(uvd.shape[0])
+    latent, errors2, scores = uvd.copy(), np.zeros(uvd.shape[0]), np.zeros((uvd.shape[0], 8))
     hessian, gradient, step = np.zeros((8, 8)), np.zeros(8), np.zeros(8)
     remaining = anchor.copy()
     for iteration in range(iterations + 1):
-        _linearize(uvd, covariances, live, noise, T, c, k, latent, robust2, hessian, gradient, errors2)
+        _linearize(uvd, covariances, live, noise, T, c, k, latent, robust2, hessian, gradient, errors2, scores)
         hessian += anchor_information
         gradient += anchor_information @ remaining
         if iteration == iterations:
@@ -189,7 +196,7 @@ def _refine(
     for a in range(8):
         for b in range(a):
             hessian[a, b] = hessian[b, a]
-    return T, c, hessian, errors2
+    return T, c, hessian, errors2, scores
 
 
 def solve(
@@ -204,13 +211,13 @@ def solve(
     """Pose ``T_live_map`` of matched landmarks; None where no consensus of three is found.
 
     ``landmarks`` are measurements (N, 3) ``(u, v, d)`` in the map's frame with covariances (N, 3, 3), pixels;
-    ``measured`` those of the live frame with variances (N, 3). ``start`` is where the samples' iterations begin, ``k``
-    the camera of :func:`model.intrinsics`. A ``prior`` of the pose takes part in the solve as one more measurement.
-    ``rectification`` (2, 2) is the covariance of what may remain of the disparity's error in both frames, which is
-    then estimated as well; without it there is none.
+    ``measured`` those of the live frame with covariances (N, 3, 3). ``start`` is where the samples' iterations
+    begin, ``k`` the camera of :func:`model.intrinsics`. A ``prior`` of the pose takes part in the solve as one more
+    measurement. ``rectification`` (2, 2) is the covariance of what may remain of the disparity's error in both frames,
+    which is then estimated as well; without it there is none.
 
-    The noise's scale is estimated from the errors' median, so that the covariance stays honest where images are worse
-    than the settings say.
+    The noise's scale is estimated from the errors' median, so that gates and weights fit images that are worse than the
+    settings say; the covariance is that of :func:`services.estimator.stereo.covariance.sandwich`.
     """
     uvd, covariances = landmarks
     live, noise = measured
@@ -226,37 +233,22 @@ def solve(
     information[6:, 6:] = np.linalg.inv(shared + _NONE)
     scale = 1.0
     for _ in range(2):
+        used = inliers
         subset = uvd[inliers], covariances[inliers] * scale, live[inliers], noise[inliers] * scale
         if prior is not None:
             anchor[:6] = geometry.log(prior.T @ geometry.inverse(T))
             information[:6, :6] = np.linalg.inv(prior.covariance + 1e-12 * np.eye(6))
-        T, c, hessian, errors2 = _refine(
+        T, c, hessian, errors2, scores = _refine(
             *subset, T, k, anchor, information, settings.solver_iterations, settings.robust_scale**2
         )
-        scale *= float(np.clip(np.median(errors2) / _CHI2_3_MEDIAN, *_SCALE_RANGE))
+        scale *= float(np.clip(np.median(errors2) / CHI2_3_MEDIAN, *SCALE_RANGE))
         informations = _informations(uvd, covariances * scale, live, noise * scale, T, k, _covariance(hessian)[6:, 6:])
         inliers = np.zeros(len(uvd), dtype=np.bool_)
         ransac.count_inliers(uvd, live, informations, T, k, gate2, inliers)
         if inliers.sum() < 3:
             return None
-    from_images = (hessian - information) / _efficiency(settings.robust_scale)
-    return _summary(uvd, live, inliers, T, c, k, from_images + information)
-
-
-@lru_cache
-def _efficiency(robust_scale: float) -> float:
-    """Covariance of Geman-McClure's estimate of Gaussian errors, against the inverse of its normal equations.
-
-    An M-estimate with weights w of errors e in 3 dimensions has covariance ``A^-1 B A^-1`` with ``B = E[w^2 e^2]/3``
-    and ``A = E[w + 2/3 w' e^2]`` (P. Huber, *Robust statistics*, section 6.3); the normal equations have ``E[w]``.
-    """
-    e2 = np.linspace(0.0, 60.0, 6001)
-    density = np.sqrt(e2) * np.exp(-0.5 * e2)
-    density /= density.sum()
-    k2 = robust_scale**2
-    w, slope = (k2 / (k2 + e2)) ** 2, -2.0 * k2**2 / (k2 + e2) ** 3
-    a, b = density @ (w + 2.0 / 3.0 * slope * e2), density @ (w * w * e2) / 3.0
-    return float(b * (density @ w) / a**2)
+    covariance = sandwich(hessian - information, information, scores, live[used, :2], settings.robust_scale)
+    return _summary(uvd, live, inliers, T, c, k, covariance)
 
 
 def _covariance(hessian: Array) -> Array:
@@ -265,11 +257,10 @@ def _covariance(hessian: Array) -> Array:
 
 
 def _summary(
-    uvd: Array, live: Array, inliers: NDArray[np.bool_], T: Array, c: Array, k: Array, hessian: Array
+    uvd: Array, live: Array, inliers: NDArray[np.bool_], T: Array, c: Array, k: Array, covariance: Array
 ) -> Solution:
     predicted = np.zeros((len(uvd), 3))
     for i in np.flatnonzero(inliers):
         model.predict(uvd[i], T, k, predicted[i])
     rms = float(np.sqrt(np.mean(np.sum((predicted - live)[inliers, :2] ** 2, axis=1))))
-    covariance = _covariance(hessian)
     return Solution(Uncertain(geometry.normalize(T), covariance[:6, :6]), inliers, rms, c, covariance[6:, 6:])

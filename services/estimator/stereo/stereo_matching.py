@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,20 @@ from services.estimator.stereo.settings import PreprocessingSettings
 
 _SAME_STRUCTURE = 3
 """Corners as near to each other, in pixels, show the same thing."""
+
+
+class Correspondences(NamedTuple):
+    """What K left corners show in the right image.
+
+    Attributes:
+        disparity: (K,) pixels.
+        slant: (K,) change of the disparity from row to row of the patch.
+        variance: (K,) of the disparity, by the patch's fit, square pixels.
+    """
+
+    disparity: NDArray[np.float32]
+    slant: NDArray[np.float32]
+    variance: NDArray[np.float32]
 
 
 @kernel
@@ -88,10 +104,10 @@ def correspond(
     corners_left: NDArray[np.int32],
     corners_right: NDArray[np.int32],
     settings: PreprocessingSettings,
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+) -> tuple[NDArray[np.int64], Correspondences]:
     """Stereo correspondences of corners (N, 2) and (M, 2), each ``[x, y]`` in reading order.
 
-    Returns the indices (K,) of the left corners that have one, and their disparities (K,) in pixels. Candidates are
+    Returns the indices (K,) of the left corners that have one, and their disparities. Candidates are
     the right image's corners along the row, compared by patch; the place in the right image is then refined to a
     fraction of a pixel in both directions, so that an edge that crosses the row at a slant does not turn a vertical
     offset of the cameras into a disparity.
@@ -103,9 +119,7 @@ def correspond(
     matched = np.flatnonzero(match >= 0)
     places = corners_left[matched]
     starts = corners_right[match[matched]].astype(np.float32)
-    refined = refinement.align(
-        refinement.extract(left, places), right, starts, np.ones(len(matched), dtype=np.float32), 10
-    )
+    refined = refinement.align_pair(refinement.extract(left, places), right, starts, 10)
     disparity = places[:, 0].astype(np.float32) - refined[:, 0]
     good = (
         (refined[:, 2] >= settings.min_correlation)
@@ -113,4 +127,4 @@ def correspond(
         & (np.abs(refined[:, 1] - places[:, 1]) < settings.row_tolerance)
         & (disparity > 0.0)
     )
-    return matched[good], disparity[good]
+    return matched[good], Correspondences(disparity[good], refined[good, 3], refined[good, 4])

@@ -40,8 +40,14 @@ def leaves(centres: Array, sizes: Array, rng: np.random.Generator) -> Polygons:
     return surface(corners, _FOLIAGE, 0.006, rng, tint, two_sided=True)
 
 
-def crown(centre: ArrayLike, radius: ArrayLike, count: int, rng: np.random.Generator) -> Polygons:
+def _blown(rng: np.random.Generator, wind: int) -> np.random.Generator:
+    """Chance of what the wind moves: its own, so that everything else stands as it stood."""
+    return np.random.default_rng([int(rng.integers(2**31)), wind])
+
+
+def crown(centre: ArrayLike, radius: ArrayLike, count: int, rng: np.random.Generator, wind: int) -> Polygons:
     """Foliage (count) in an ellipsoid of half axes ``radius`` (3,), in tufts, so that the sun falls through between."""
+    rng = _blown(rng, wind)
     radius = np.asarray(radius, dtype=np.float64)
     tufts = rng.normal(size=(max(6, count // 28), 3))
     tufts *= (rng.random(len(tufts)) ** 0.4 / np.linalg.norm(tufts, axis=-1))[:, None] * 0.85
@@ -50,7 +56,7 @@ def crown(centre: ArrayLike, radius: ArrayLike, count: int, rng: np.random.Gener
     return leaves(centres, rng.uniform(0.16, 0.42, count) * (0.55 + 0.2 * radius.mean()), rng)
 
 
-def tree(base: Array, rng: np.random.Generator) -> list[Polygons]:
+def tree(base: Array, rng: np.random.Generator, wind: int) -> list[Polygons]:
     """A trunk with two or three boughs, and its crown, at the ground point ``base`` (3,)."""
     height = rng.uniform(2.6, 4.2)
     lean = np.append(rng.normal(0.0, 0.06, 2), 1.0) * height
@@ -65,17 +71,18 @@ def tree(base: Array, rng: np.random.Generator) -> list[Polygons]:
     wood = surface(np.concatenate(tubes), _BARK, 0.004, rng, rng.uniform(0.7, 1.6) * np.ones(4))
     half = np.array([1.0, 1.0, 0.75]) * rng.uniform(1.5, 2.5)
     middle = base + lean + _above(half[2] * 0.6)
-    return [wood, crown(middle, half, int(190 * half[0] ** 1.4), rng)]
+    return [wood, crown(middle, half, int(190 * half[0] ** 1.4), rng, wind)]
 
 
-def bush(base: Array, rng: np.random.Generator) -> list[Polygons]:
+def bush(base: Array, rng: np.random.Generator, wind: int) -> list[Polygons]:
     """A low crown on the ground."""
     half = rng.uniform([0.4, 0.4, 0.3], [0.9, 0.9, 0.8])
-    return [crown(base + _above(half[2] * 0.6), half, 90, rng)]
+    return [crown(base + _above(half[2] * 0.6), half, 90, rng, wind)]
 
 
-def tuft(base: Array, rng: np.random.Generator) -> Polygons:
+def tuft(base: Array, rng: np.random.Generator, wind: int) -> Polygons:
     """A tuft of tall grass: upright triangles around a point."""
+    rng = _blown(rng, wind)
     n = rng.integers(4, 8)
     angle, height = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(0.12, 0.42, n)
     side = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=-1) * rng.uniform(0.015, 0.05, n)[:, None]

@@ -93,14 +93,14 @@ class _Furnisher:
             groups.extend(self._row(lambda feet: builders.wall(feet, self._rng), 5.0, 12.0, 2.0))
         for _ in range(s.fences):
             groups.extend(self._row(lambda feet: [builders.fence(feet, self._rng)], 2.4, 9.0, 1.8))
-        rng = self._rng
-        groups.extend(self._scatter(s.trees, 0.45, (0.4, 16.0), 1.6, lambda p: builders.tree(p, rng)))
+        rng, wind = self._rng, s.wind
+        groups.extend(self._scatter(s.trees, 0.45, (0.4, 16.0), 1.6, lambda p: builders.tree(p, rng, wind)))
         groups.extend(
             self._scatter(s.boxes, 0.9, (0.1, 8.0), 0.2, lambda p: [builders.crate(p, rng.uniform(0, 6.3), rng)])
         )
-        groups.extend(self._scatter(s.bushes, 1.0, (0.1, 14.0), 0.1, lambda p: builders.bush(p, rng)))
+        groups.extend(self._scatter(s.bushes, 1.0, (0.1, 14.0), 0.1, lambda p: builders.bush(p, rng, wind)))
         groups.extend(self._scatter(s.stones, 0.4, (-0.3, 10.0), 0.0, lambda p: [builders.stone(p, rng)]))
-        groups.extend(self._scatter(s.tufts, 0.3, (-0.6, 12.0), 0.0, lambda p: [builders.tuft(p, rng)]))
+        groups.extend(self._scatter(s.tufts, 0.3, (-0.6, 12.0), 0.0, lambda p: [builders.tuft(p, rng, wind)]))
         return groups
 
     def _on_ground(self, xy: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -39,6 +39,7 @@ class SceneSettings:
         relief: standard deviation of the ground's height, metres.
         route_length: length of the demo route, metres.
         clearance: least distance of any obstacle from the demo route's centre line, metres.
+        wind: which of the wind's arrangements leaves and grass are in; everything else stands still.
         trees, bushes, boxes, stones, tufts, houses, walls, fences: how many of each are tried; what
             would stand in the route's way or in another object is left out.
     """
@@ -49,6 +50,7 @@ class SceneSettings:
     relief: float = 0.35
     route_length: float = 72.0
     clearance: float = 1.6
+    wind: int = 0
     trees: int = 40
     bushes: int = 26
     boxes: int = 16
@@ -151,3 +153,8 @@ class WorldSettings:
     bands: BandSettings = field(default_factory=BandSettings)
     imaging: ImagingSettings = field(default_factory=ImagingSettings)
     base: BaseSettings = field(default_factory=BaseSettings)
+
+    @property
+    def camera(self) -> StereoCamera:
+        """The rig's calibration with the bands' peaks and the transfer curve."""
+        return replace(self.rig, wavelengths=self.bands.peaks, transfer=self.imaging.gamma)

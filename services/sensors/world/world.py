@@ -27,7 +27,7 @@ class World:
 
     The frame "world" has x east, y north, z up. Truth is what the properties say; sensors are
     :meth:`render`, :meth:`wheel_odometry` and :meth:`cast_rays`. Not safe for threads, except that
-    :meth:`render` may run in one while :meth:`step` runs in another.
+    :meth:`render`, :meth:`step` and :meth:`set_time` may each run in one of its own.
     """
 
     def __init__(self, settings: WorldSettings = _DEFAULT) -> None:
@@ -40,7 +40,9 @@ class World:
         self._light = daylight(settings.time, settings.latitude, settings.longitude)
         maps = self._baker.bake(self._light.direction)
         self._renderer = Renderer(settings, self._geometry, self.scene, self._light, maps)
-        self._imager = Imager(settings.imaging, response_white(*self._renderer.white(_noon())), settings.seed + 1)
+        self._camera = settings.camera
+        self._white = response_white(*self._renderer.white(_noon()))
+        self.start_camera(settings.seed + 1)
         self._base = Base(settings.base, settings.seed)
         self._clock = 0.0
         self._metered = 0.0
@@ -49,8 +51,8 @@ class World:
 
     @property
     def camera(self) -> StereoCamera:
-        """The stereo camera's calibration."""
-        return self.settings.rig
+        """The stereo camera's calibration, with its bands' peaks and its transfer curve."""
+        return self._camera
 
     @property
     def light(self) -> Daylight:
@@ -79,6 +81,10 @@ class World:
         moved = np.degrees(np.arccos(np.clip(self._light.direction @ baked, -1.0, 1.0)))
         maps = self._baker.bake(self._light.direction) if moved > self.settings.bake_degrees else None
         self._renderer.set_light(self._light, maps)
+
+    def start_camera(self, seed: int) -> None:
+        """Switch the camera on anew: its noise is drawn from ``seed``, its exposure set by the next image."""
+        self._imager = Imager(self.settings.imaging, self._white, seed)
 
     def place(self, x: float, y: float, yaw: float) -> None:
         """Put the robot down at rest: metres, metres, radians."""

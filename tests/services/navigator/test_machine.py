@@ -16,10 +16,14 @@ OLD = VertexId(new_map_id("r1", 0), 3)
 START = VertexId(new_map_id("r1", 0), 0)
 
 
-def make_map(environment: str) -> MapRecord:
+TAUGHT = MapRecord(id=OLD.map_id, environment="park", stamp=0, robot="r1", sensor="stereo")
+
+
+def make_map(environment: str, repeated: MapRecord | None) -> MapRecord:
     return MapRecord(
-        id=new_map_id("r1", 1), environment=environment, stamp=1, robot="r1", sensor="stereo", generation=0
-    )
+        id=new_map_id("r1", 1), environment=environment, stamp=1, robot="r1", sensor="stereo",
+        generation=0 if repeated is None else repeated.generation + 1, parent=repeated and repeated.id,
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -129,6 +133,51 @@ def test_a_repeat_goes_through_plan_and_localization_to_its_goal(machine):
     assert name(machine) is S.IDLE
     assert machine.mission.reason == "reached end"
     assert machine.mission.route == ""
+
+
+def recording(machine: StateMachine) -> StateMachine:
+    planning(machine).planned(2.0, machine.mission.attempt, "route1", START, "one map", TAUGHT)
+    return machine
+
+
+def test_a_recorded_repeat_has_a_map_of_its_own_to_its_end_and_over_pauses(machine):
+    recorded = recording(machine).mission.map
+    assert (recorded.generation, recorded.parent, recorded.environment) == (1, TAUGHT.id, "park")
+    machine.localized(3.0, "route1", START)
+    assert machine.mission.map is recorded
+    machine.pause(4.0)
+    assert machine.mission.map is recorded
+    machine.resume(5.0)
+    machine.localized(6.0, "route1", START)
+    assert (name(machine), machine.mission.map) == (S.REPEAT_FOLLOW, recorded)
+    machine.made_vertex(VertexId(recorded.id, 3))
+    assert machine.mission.position == START, "the robot's place is told in what was taught"
+    machine.arrived(7.0, "route1")
+    assert machine.mission.map is None
+    assert recording(machine).mission.map.id != recorded.id
+
+
+def test_a_repeat_that_is_not_to_be_recorded_has_no_map(machine):
+    assert following(machine).mission.map is None
+
+
+def test_a_map_that_a_repeat_records_is_not_finished_as_a_taught_one(machine):
+    recording(machine).localized(3.0, "route1", START)
+    with pytest.raises(MissionRefused, match="no map is being taught"):
+        machine.finish(4.0)
+    machine.pause(5.0)
+    with pytest.raises(MissionRefused, match="no map is being taught"):
+        machine.finish(6.0)
+
+
+def test_a_plan_that_arrives_during_a_pause_brings_its_map(machine):
+    attempt = planning(machine).mission.attempt
+    machine.pause(2.0)
+    assert machine.planned(3.0, attempt, "route1", START, "one map", TAUGHT)
+    recorded = machine.mission.map
+    machine.resume(4.0)
+    assert recorded is not None
+    assert machine.mission.map is recorded
 
 
 def test_a_localization_on_another_route_starts_nothing(machine):
@@ -281,6 +330,9 @@ EVENTS = {
     "join": lambda machine: machine.teach(9.0, "park", OLD),
     "cancel": lambda machine: machine.cancel(9.0),
     "planned": lambda machine: machine.planned(9.0, machine.mission.attempt, "route1", START, "planned"),
+    "planned to record": lambda machine: machine.planned(
+        9.0, machine.mission.attempt, "route1", START, "planned", TAUGHT
+    ),
     "stale plan": lambda machine: machine.planned(9.0, 99, "route9", START, "planned"),
     "not_planned": lambda machine: machine.not_planned(9.0, machine.mission.attempt, "no route"),
     "localized": lambda machine: machine.localized(9.0, machine.mission.route, machine.mission.target or START),
@@ -306,7 +358,10 @@ def test_whatever_happens_cancel_ends_in_idle_and_only_a_localization_starts_fol
         if after.name is S.REPEAT_FOLLOW and before.name is not S.REPEAT_FOLLOW:
             assert event == "localized"
             assert before.name is S.REPEAT_METRIC_LOCALIZE
-        assert (after.map is not None) == (S.TEACH_BRANCH in (after.name, after.resumes))
+        taught = S.TEACH_BRANCH in (after.name, after.resumes)
+        recorded = after.map is not None and after.map.generation == 1
+        assert taught == (after.map is not None and not recorded)
+        assert not recorded or after.route
         assert (after.resumes is not None) == (after.name is S.PAUSED)
     machine.cancel(10.0)
     assert name(machine) is S.IDLE

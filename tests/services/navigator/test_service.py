@@ -18,6 +18,7 @@ from common.messages import (
     MapRecord,
     MapSummary,
     Odometry,
+    Relocalization,
     Route,
     SafetyCommand,
     SafetyStatus,
@@ -48,6 +49,8 @@ class Crew:
         buses["mapstore"].serve(topics.NAME_PLACE, self.name)
         buses["planner"].serve(topics.PLAN, self.plan)
         self.estimator = robot.bus("estimator")
+        self.found: VertexId | None = None
+        self.estimator.serve(topics.RELOCALIZE, self.relocalize)
         self.localizations = self.estimator.publisher(topics.LOCALIZATION)
         self.odometry = self.estimator.publisher(topics.ODOMETRY)
         self.status = robot.bus("tracker").publisher(topics.TRACKER_STATUS)
@@ -57,6 +60,15 @@ class Crew:
     def name(self, question):
         self.places[question.place] = question.vertex
         return Done()
+
+    def relocalize(self, question):
+        assert question.environment == "default"
+        if self.found is None:
+            raise Refused("two places look alike")
+        return Relocalization(
+            stamp=now_ns(), vertex=self.found, T_vertex_robot=np.eye(4), covariance=np.eye(6), inliers=87,
+            stream="plain",
+        )  # fmt: skip
 
     def plan(self, question):
         self.planner_works.wait()
@@ -135,9 +147,20 @@ def idle(crew):
         if process not in crew.robot._processes or not crew.robot.alive(process):
             crew.robot.stand_in(process)
     crew.ask("cancel")
+    crew.found = None
     crew.store(OLD, finished=True)
     crew.until(S.IDLE)
     return crew
+
+
+def resume(crew):
+    """Resumes as soon as the navigator has heard that it can."""
+
+    def resumed():
+        with contextlib.suppress(Refused):
+            return crew.ask("resume")
+
+    eventually(resumed, "the mission is resumed")
 
 
 def follow(crew):
@@ -146,6 +169,69 @@ def follow(crew):
     state = crew.until(S.REPEAT_METRIC_LOCALIZE)
     with every(0.02, lambda: crew.localize(state.route)):
         return crew.until(S.REPEAT_FOLLOW)
+
+
+@pytest.fixture
+def lost(idle):
+    """The robot where nothing is known of its place."""
+    elsewhere = MapRecord(id=new_map_id("r1", 10**9), environment="default", stamp=0, robot="r1", sensor="stereo")
+    idle.store(elsewhere, finished=True)
+    idle.ask("position", vertex=VertexId(elsewhere.id, 0))
+    idle.store(OLD, finished=True)
+    return idle
+
+
+def test_a_robot_that_does_not_know_its_place_looks_for_itself_before_a_repeat(lost):
+    lost.found = END
+    lost.ask("repeat", goal="end")
+    assert lost.until(S.REPEAT_METRIC_LOCALIZE).position == END
+
+
+def test_a_robot_that_does_not_find_itself_repeats_nothing_and_says_why(lost):
+    sentence = r"it is unknown where the robot stands in 'default': name its vertex \(.* two places look alike\)"
+    with pytest.raises(Refused, match=sentence):
+        lost.ask("repeat", goal="end")
+    assert lost.until(S.IDLE)
+
+
+def test_a_map_is_taught_from_where_the_robot_finds_itself(lost):
+    lost.found = END
+    assert str(END) in lost.ask("teach")
+    assert lost.until(S.TEACH_METRIC_LOCALIZE).target == END
+
+
+def test_a_map_is_taught_unconnected_where_the_robot_does_not_find_itself(lost):
+    text = lost.ask("teach")
+    assert "joins no other" in text
+    assert "two places look alike" in text
+    assert lost.until(S.TEACH_BRANCH)
+
+
+def test_an_operator_has_the_robot_look_for_itself(idle):
+    idle.found = END
+    assert idle.ask("position", find=True) == f"the robot stands at {END}: 87 landmarks agree"
+    assert idle.state().position == END
+    idle.found = None
+    with pytest.raises(Refused, match="two places look alike"):
+        idle.ask("position", find=True)
+    with pytest.raises(Refused, match="a position is a vertex"):
+        idle.ask("position", find=True, vertex=END)
+    assert idle.state().position == END
+
+
+def test_a_repeat_records_a_map_of_the_next_generation_until_it_ends(idle):
+    recorded = follow(idle).map
+    assert (recorded.generation, recorded.parent) == (OLD.generation + 1, OLD.id)
+    idle.ask("pause")
+    assert idle.until(S.PAUSED).map == recorded
+    idle.ask("cancel")
+    assert idle.until(S.IDLE).map is None
+    assert follow(idle).map.id != recorded.id
+
+
+def test_a_repeat_is_not_recorded_against_the_operator_s_wish(idle):
+    idle.ask("repeat", goal="end", vertex=START, record=False)
+    assert idle.until(S.REPEAT_METRIC_LOCALIZE).map is None
 
 
 def test_a_map_is_taught_finished_and_its_ends_are_named(idle):
@@ -191,7 +277,7 @@ def test_a_killed_process_pauses_the_repeat_and_it_can_be_resumed(idle, lost):
     with pytest.raises(Refused, match=f"cannot resume without {lost}"):
         idle.ask("resume")
     idle.robot.stand_in(lost)
-    idle.ask("resume")
+    resume(idle)
     assert idle.until(S.REPEAT_METRIC_LOCALIZE).target == START
 
 
@@ -202,12 +288,7 @@ def test_an_emergency_stop_pauses_the_repeat_until_it_is_reset_and_resumed(idle)
     with pytest.raises(Refused, match="reset it first"):
         idle.ask("resume")
     idle.latch(latched=False)
-
-    def resumed():
-        with contextlib.suppress(Refused):  # until the reset has arrived
-            return idle.ask("resume")
-
-    eventually(resumed, "the repeat is resumed")
+    resume(idle)
     assert idle.until(S.REPEAT_METRIC_LOCALIZE)
 
 

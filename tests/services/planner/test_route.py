@@ -134,6 +134,28 @@ def test_a_repeat_s_map_is_no_route_even_where_it_is_shorter(network: PoseGraph)
         plan(network, vertex(3, 0), "barn")
 
 
+def test_however_many_repeats_were_recorded_the_routes_stay_as_they_were(network: PoseGraph) -> None:
+    wishes = [(vertex(0, 0), "barn"), (vertex(0, 4), "dock"), (vertex(1, 3), map_id(0)), (vertex(0, 2), "dock")]
+    before = [plan(network, start, goal) for start, goal in wishes]
+    for number in range(10, 60):
+        record = network.experience(map_id(0)).record
+        recorded = record.model_copy(
+            update={"id": f"20261123T204500{number:06d}-r1-0000{number}", "generation": 1, "parent": record.id}
+        )
+        network.add_experience(recorded)
+        for index in range(5):
+            here = VertexId(recorded.id, index)
+            network.add_vertex(here)
+            join(network, here, vertex(0, index), 0.01)
+            if index:
+                T = Uncertain.exactly(geometry.from_xy_yaw(0.5, 0, 0))
+                network.add_edge(Edge(VertexId(recorded.id, index - 1), here, T, spatial=False))
+    for (start, goal), old in zip(wishes, before, strict=True):
+        new = plan(network, start, goal)
+        assert (new.vertices, new.maps, new.reason) == (old.vertices, old.maps, old.reason)
+        assert np.array_equal(new.path, old.path)
+
+
 def test_two_maps_joined_by_a_repeat_alone_are_not_connected(network: PoseGraph) -> None:
     add_map(network, 3, [0.1], generation=1)
     join(network, vertex(3, 0), vertex(0, 0))

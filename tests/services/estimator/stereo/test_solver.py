@@ -23,7 +23,7 @@ def _world(rng, T, count=150, camera=CAMERA, **depths):
     stored = m + rng.normal(size=m.shape) * SIGMA_LANDMARK
     live = live + rng.normal(size=m.shape) * SIGMA_LIVE
     covariances = np.tile(np.diag(SIGMA_LANDMARK**2), (len(m), 1, 1))
-    return (stored, covariances), (live, np.tile(SIGMA_LIVE**2, (len(m), 1)))
+    return (stored, covariances), (live, np.tile(np.diag(SIGMA_LIVE**2), (len(m), 1, 1)))
 
 
 def _solve(world, start=None, camera=CAMERA, **options):
@@ -45,16 +45,31 @@ def test_a_known_motion_is_recovered_among_outliers(seed):
     assert solution.inliers.sum() > 0.9 * (len(world[0][0]) - len(wrong))
 
 
-def test_the_covariance_is_that_of_the_errors():
+def _nees(draw, rounds=200):
     rng = np.random.default_rng(10)
     nees = []
-    for _ in range(200):
+    for _ in range(rounds):
         T = geometry.exp(rng.normal(size=6) * [0.2, 0.1, 0.4, 0.02, 0.05, 0.02])
-        solution = _solve(_world(rng, T, count=100), start=T)
+        solution = _solve(draw(rng, T), start=T)
         error = geometry.log(T @ geometry.inverse(solution.T_live_map.T))
         nees.append(error @ np.linalg.solve(solution.T_live_map.covariance, error))
     # The mean of 200 chi-square values of 6 degrees of freedom has a standard deviation of 0.25.
-    assert 5.0 < np.mean(nees) < 7.0
+    return np.mean(nees)
+
+
+def test_independent_errors_are_covered_and_little_more():
+    """What is assumed of neighbours, that they may share their errors, makes the covariance somewhat modest."""
+    assert 4.0 < _nees(lambda rng, T: _world(rng, T, count=100)) < 7.0
+
+
+def test_errors_that_neighbours_share_are_covered_too():
+    def draw(rng, T, cell=40):
+        stored, (live, noise) = _world(rng, T, count=100)
+        shared = rng.normal(size=(20, 20, 3)) * SIGMA_LIVE * 1.5
+        at = (live[:, :2] // cell).astype(int) % 20
+        return stored, (live + shared[at[:, 0], at[:, 1]], noise)
+
+    assert 4.0 < _nees(draw) < 8.0
 
 
 def test_noise_twice_as_large_as_set_is_noticed():
