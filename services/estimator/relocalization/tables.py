@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.compiled import kernel
 from services.estimator.stereo.brief import BYTES, as_words, hamming
-from services.estimator.stereo.compiled import kernel
 
 TABLES = BYTES // 2
 _KEYS = 1 << 16

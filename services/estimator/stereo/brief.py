@@ -14,7 +14,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 
 BYTES = 32
 REACH = 15

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common import geometry
+from common.compiled import kernel
 from common.geometry import Uncertain
 from services.estimator.stereo import model, normal_equations
-from services.estimator.stereo.compiled import kernel
 from services.estimator.stereo.covariance import sandwich, weight_moments
 from services.estimator.stereo.settings import BundleSettings
 from services.estimator.stereo.solver import CHI2_3_MEDIAN, SCALE_RANGE

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 
 BORDER = 17
 """Pixels at the image's edge without features: a descriptor's reach, and a pixel for refinement on either side."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.camera import StereoCamera, Transfer
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 from services.estimator.stereo.settings import InvarianceSettings
 
 Image = NDArray[np.uint8]

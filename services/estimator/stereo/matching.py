@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.camera import StereoCamera
+from common.compiled import kernel
 from common.geometry import Uncertain
 from services.estimator.stereo import model, refinement
 from services.estimator.stereo.brief import as_words, hamming
-from services.estimator.stereo.compiled import kernel
 from services.estimator.stereo.features import FeatureSet, StereoFrame
 from services.estimator.stereo.settings import MatchingSettings, NoiseSettings
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.camera import StereoCamera
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 
 Array = NDArray[np.float64]
 

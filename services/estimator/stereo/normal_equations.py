@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.stereo.compiled import kernel
+from common.compiled import kernel
 
 Array = NDArray[np.float64]
 

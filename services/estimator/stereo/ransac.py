@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from common.compiled import kernel
 from services.estimator.stereo import model, normal_equations
-from services.estimator.stereo.compiled import kernel
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from common.compiled import kernel
 from services.estimator.stereo import normal_equations
-from services.estimator.stereo.compiled import kernel
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]

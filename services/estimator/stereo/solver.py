@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common import geometry
+from common.compiled import kernel
 from common.geometry import Uncertain
 from services.estimator.stereo import model, normal_equations, ransac
-from services.estimator.stereo.compiled import kernel
 from services.estimator.stereo.covariance import sandwich
 from services.estimator.stereo.settings import MatchingSettings
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.compiled import kernel
 from services.estimator.stereo import refinement
-from services.estimator.stereo.compiled import kernel
 from services.estimator.stereo.settings import PreprocessingSettings
 
 _SAME_STRUCTURE = 3
