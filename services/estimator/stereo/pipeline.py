@@ -16,22 +16,18 @@ from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Array, Uncertain
 from common.messages import CameraModel, Keyframe, VertexRecord
+from services.estimator.mounting import in_sensor_frames, in_vehicle_frames
 from services.estimator.pipeline import Localized, Step, StreamResult
 from services.estimator.relocalization.appearance import appearance_of
 from services.estimator.stereo import submap as submaps
-from services.estimator.stereo.localization import (
-    LocalizationResult,
-    StereoLocalizer,
-    in_camera_frames,
-    in_vehicle_frames,
-)
+from services.estimator.stereo.localization import LocalizationResult, StereoLocalizer
 from services.estimator.stereo.mapping import local_map
 from services.estimator.stereo.odometry import StereoOdometry
 from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.streams import INVARIANT, PLAIN, InvariantStream, Streams, is_colour
 from services.estimator.stereo.submap import StereoSubmap
-from services.estimator.stereo.vertex_creation import should_create
 from services.estimator.stereo.window import WindowAdjuster
+from services.estimator.vertex_creation import should_create
 
 _THUMBNAIL_WIDTH = 200
 _JPEG_QUALITY = 80
@@ -91,7 +87,7 @@ class StereoPipeline:
             ImageError: an image has another type or size than the camera's.
         """
         if prior is not None:
-            prior = in_camera_frames(prior, self._camera.T_vehicle_camera)
+            prior = in_sensor_frames(prior, self._camera.T_vehicle_camera)
         invariant, rectification = self._invariant, self._odometry.rectification
         second = None
         if invariant is not None and is_colour(left):
