@@ -9,6 +9,10 @@ import numpy as np
 from common import geometry
 from common.geometry import Array, Uncertain
 
+REUSED = 4.0
+"""How many times the variance of the last frame's pose counts in the prior of the next: a frame can then never claim
+more than a third beside what its own measurements tell, however many were measured against one keyframe."""
+
 
 class MotionSettings(Protocol):
     """Standard deviations of how a vehicle moves.

@@ -26,11 +26,6 @@ from services.estimator.stereo.window import Links, WindowAdjuster, WindowKeyfra
 Array = NDArray[np.float64]
 
 
-_REUSED = 4.0
-"""How many times the variance of the last pair's pose counts in the prior of the next: a pair can then never claim more
-than a third beside what its own images tell, however many were measured against one keyframe."""
-
-
 @dataclass(frozen=True, slots=True)
 class OdometryResult:
     """What odometry says about one stereo pair. All transforms are between left optical frames.
@@ -159,7 +154,7 @@ class StereoOdometry:
         found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
         middle = perf_counter()
         # The last pair was measured against the same landmarks, whose errors are no new evidence at the next one.
-        weak = Uncertain(T_keyframe_last.T, _REUSED * T_keyframe_last.covariance) @ step
+        weak = Uncertain(T_keyframe_last.T, motion_model.REUSED * T_keyframe_last.covariance) @ step
         chosen = landmarks.landmarks[found.landmarks], landmarks.covariances[found.landmarks]
         solution = solver.solve(
             model.as_uvd(*chosen, self._intrinsics),

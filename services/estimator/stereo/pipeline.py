@@ -8,7 +8,6 @@ from dataclasses import replace
 from threading import Event, Thread
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,10 +26,8 @@ from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.streams import INVARIANT, PLAIN, InvariantStream, Streams, is_colour
 from services.estimator.stereo.submap import StereoSubmap
 from services.estimator.stereo.window import WindowAdjuster
+from services.estimator.thumbnail import thumbnail
 from services.estimator.vertex_creation import should_create
-
-_THUMBNAIL_WIDTH = 200
-_JPEG_QUALITY = 80
 
 T = TypeVar("T")
 
@@ -121,7 +118,7 @@ class StereoPipeline:
             pipeline="stereo",
             camera=CameraModel.of(self._camera),
             arrays=submaps.to_arrays(maps),
-            thumbnail=_thumbnail(live[PLAIN].left),
+            thumbnail=thumbnail(live[PLAIN].left),
             appearance=appearance_of(maps),
         )
 
@@ -199,11 +196,3 @@ class StereoPipeline:
         """``T_map_live`` of the optical frames; the two cameras may be mounted differently."""
         mounting = Uncertain.exactly(geometry.inverse(submap.T_vehicle_camera))
         return mounting @ T_vertex_live @ Uncertain.exactly(self._camera.T_vehicle_camera)
-
-
-def _thumbnail(image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:
-    """A small JPEG of an image."""
-    height = max(1, round(image.shape[0] * _THUMBNAIL_WIDTH / image.shape[1]))
-    small = cv2.resize(image, (_THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA)
-    ok, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return bytes(data) if ok else b""
