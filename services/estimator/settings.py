@@ -1,4 +1,4 @@
-"""``[estimator]``: the stereo pipeline, the localization chain and the submaps at hand."""
+"""``[estimator]``: the sensors' pipelines, the localization chain and the submaps at hand."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
+from services.estimator.lidar.settings import LidarSettings
 from services.estimator.relocalization import RelocalizationSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
@@ -18,7 +19,8 @@ class Settings:
 
     Attributes:
         camera: name of the stereo camera's topic.
-        stereo: the pipeline's five stages.
+        stereo: the five stages of a stereo camera.
+        lidar: the five stages of a spinning lidar.
         chain: the localization chain.
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.
@@ -28,6 +30,7 @@ class Settings:
 
     camera: str = "front"
     stereo: StereoSettings = field(default_factory=StereoSettings)
+    lidar: LidarSettings = field(default_factory=LidarSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     experiences: ExperienceSettings = field(default_factory=ExperienceSettings)
