@@ -84,8 +84,9 @@ class Lidar:
         shape = self._rays.shape[:2]
         return Scan(np.ascontiguousarray(ranges.reshape(shape).T), np.ascontiguousarray(intensities.reshape(shape).T))
 
-    def warm_up(self) -> None:
-        """Compile, or load from the cache, what :meth:`scan` needs."""
+    def warm_up(self, rays: RayCaster) -> None:
+        """Prepare the rays, and compile, or load from the cache, what else :meth:`scan` needs."""
+        rays.first_hits(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
         g, t = self._geometry, self._textures
         nothing = np.zeros((0, 3), np.float32)
         reflected(

@@ -178,7 +178,7 @@ class World:
     def warm_up(self, *, cameras: bool = True, lidar: bool = True) -> None:
         """Make the light, and compile or load from the cache what images and scans need; changes nothing seen."""
         if lidar:
-            self.lidar.warm_up()
+            self.lidar.warm_up(self._rays)
         if not cameras:
             return
         self._renderer.stereo(self.T_world_vehicle)

@@ -165,7 +165,7 @@ def test_a_beam_table_is_followed():
     ],
 )  # fmt: skip
 def test_what_is_no_lidar_is_refused(wrong):
-    with pytest.raises(ValueError, match="must|beams"):
+    with pytest.raises(ValueError, match=r"must|beams"):
         LidarSettings(**wrong)
 
 
