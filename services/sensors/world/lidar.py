@@ -56,7 +56,7 @@ class Lidar:
 
     def __init__(self, settings: LidarSettings, geometry: Geometry, textures: TextureSet, seed: int) -> None:
         self._settings, self._geometry, self._textures = settings, geometry, textures
-        self._rng = np.random.default_rng(seed)
+        self.start(seed)
         turn = (np.arange(settings.columns) + 0.5) / settings.columns
         self.elevations = settings.elevations
         self.azimuths: Array = np.pi * (1.0 - 2.0 * turn)
@@ -66,6 +66,10 @@ class Lidar:
         flat, level = np.cos(elevation), np.ones_like(azimuth)
         rays = [np.cos(azimuth) * flat, np.sin(azimuth) * flat, level * np.sin(elevation)]
         self._rays: Floats = np.stack(rays, axis=-1).astype(np.float32)
+
+    def start(self, seed: int) -> None:
+        """Switch the lidar on anew: its noise is drawn from ``seed``."""
+        self._rng = np.random.default_rng(seed)
 
     def scan(self, rays: RayCaster, T_world_vehicle: Array) -> Scan:
         """The scan of a vehicle that is at ``T_world_vehicle`` (W, 4, 4) when each column is fired."""

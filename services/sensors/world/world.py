@@ -154,8 +154,11 @@ class World:
         A time that the base has yet to be stepped to is seen from where it is going.
         """
         end = self._clock if clock is None else clock
-        x, y, yaw = self._trail.poses(end + self.lidar.times).T
-        return self.lidar.scan(self._rays, self.scene.terrain.standing(x, y, yaw))
+        return self.scan_from(self._trail.poses(end + self.lidar.times))
+
+    def scan_from(self, places: Array) -> Scan:
+        """A turn of the lidar whose columns are fired from ``[x, y, yaw]`` (W, 3), wherever the robot is."""
+        return self.lidar.scan(self._rays, self.scene.terrain.standing(*places.T))
 
     def render_depth(self) -> NDArray[np.float32]:
         """True depth (H, W) along the left camera's axis at pixel centres, metres; infinite for the sky."""

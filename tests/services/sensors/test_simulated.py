@@ -6,8 +6,7 @@ import pytest
 from common import topics
 from common.messages import VelocityCommand, now_ns
 from services.sensors.settings import Settings
-from services.sensors.world import SceneSettings, World, WorldSettings
-from services.sensors.world.settings import LidarSettings
+from services.sensors.world import LidarSettings, SceneSettings, World, WorldSettings
 from tests.processes import Robot, eventually, every
 
 NIGHT = "2026-06-21T23:00:00Z"

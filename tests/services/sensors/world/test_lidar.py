@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from common.geometry import apply, inverse
-from services.sensors.world import SceneSettings, World, WorldSettings
+from services.sensors.world import LidarSettings, SceneSettings, World, WorldSettings
 from services.sensors.world.geometry import Geometry
 from services.sensors.world.lidar import Lidar
 from services.sensors.world.mesh import cuboid, surface
 from services.sensors.world.rays import RayCaster
-from services.sensors.world.settings import LidarSettings
 from services.sensors.world.spectra import MATERIAL_INDEX, MATERIALS, REFLECTANCES_INFRARED
 from services.sensors.world.textures import TextureSet
 
