@@ -15,19 +15,15 @@ from numpy.typing import NDArray
 from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Uncertain
+from services.estimator import motion_model
 from services.estimator.stereo import matching, model, solver
 from services.estimator.stereo.features import StereoFrame
 from services.estimator.stereo.preprocessing import preprocess
 from services.estimator.stereo.rectification import Rectification, triangulate
-from services.estimator.stereo.settings import OdometrySettings, StereoSettings
+from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.window import Links, WindowAdjuster, WindowKeyframe
 
 Array = NDArray[np.float64]
-
-
-_REUSED = 4.0
-"""How many times the variance of the last pair's pose counts in the prior of the next: a pair can then never claim more
-than a third beside what its own images tell, however many were measured against one keyframe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,11 +131,11 @@ class StereoOdometry:
         self._take_adjustment()
         keyframe, motion = self._keyframe, self._motion
         seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
-        step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
+        step = prior or motion_model.constant_velocity(motion.velocity, seconds, self.settings.odometry)
         T_keyframe_live = motion.T_keyframe_last @ step
         solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, step, times)
         if solution is None:
-            wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
+            wide = Uncertain(np.eye(4), motion_model.start_covariance(seconds, self.settings.odometry))
             solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, wide, times)
         return self._conclude(frame, motion, seconds, T_keyframe_live, solution, found, times)
 
@@ -158,7 +154,7 @@ class StereoOdometry:
         found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
         middle = perf_counter()
         # The last pair was measured against the same landmarks, whose errors are no new evidence at the next one.
-        weak = Uncertain(T_keyframe_last.T, _REUSED * T_keyframe_last.covariance) @ step
+        weak = Uncertain(T_keyframe_last.T, motion_model.REUSED * T_keyframe_last.covariance) @ step
         chosen = landmarks.landmarks[found.landmarks], landmarks.covariances[found.landmarks]
         solution = solver.solve(
             model.as_uvd(*chosen, self._intrinsics),
@@ -218,10 +214,10 @@ class StereoOdometry:
         T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
         T_previous_live = Uncertain(
             geometry.inverse(motion.T_keyframe_last.T) @ T_keyframe_live.T,
-            _moved(T_keyframe_live.covariance, geometry.inverse(motion.T_keyframe_last.T)),
+            motion_model.moved(T_keyframe_live.covariance, geometry.inverse(motion.T_keyframe_last.T)),
         )
         self._failures = 0 if success else self._failures + 1
-        velocity = _velocity(T_previous_live, seconds) if success else motion.velocity
+        velocity = motion_model.velocity(T_previous_live, seconds) if success else motion.velocity
         reason = "" if success else self._why_not(frame, matches)
         T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
         if success and not np.isfinite(self._first_sigma):
@@ -325,29 +321,3 @@ def _links(previous: StereoFrame | None, found: matching.Matches | None, solutio
 def _position_sigma(T: Uncertain) -> float:
     """Largest standard deviation of the position, metres."""
     return float(np.sqrt(np.linalg.eigvalsh(T.covariance[:3, :3])[-1]))
-
-
-def _moved(covariance: Array, T: Array) -> Array:
-    """A left perturbation's covariance (6, 6) seen from the frame that ``T`` takes it to."""
-    Ad = geometry.adjoint(T)
-    return np.asarray(Ad @ covariance @ Ad.T)
-
-
-def _velocity(T_previous_live: Uncertain, seconds: float) -> Uncertain:
-    """Twist per second with covariance, as a transform."""
-    twist = geometry.log(T_previous_live.T) / seconds
-    return Uncertain(geometry.exp(twist), T_previous_live.covariance / seconds**2)
-
-
-def _constant_velocity(motion: _Motion, seconds: float, settings: OdometrySettings) -> Uncertain:
-    """``T_previous_live`` of a camera that moves on as it did, or, before any motion, stands with a wide covariance."""
-    if motion.velocity is None:
-        return Uncertain(np.eye(4), _start_covariance(seconds, settings))
-    change = np.repeat([settings.acceleration, settings.angular_acceleration], 3) * seconds**2
-    covariance = motion.velocity.covariance * seconds**2 + np.diag(change**2)
-    return Uncertain(geometry.exp(geometry.log(motion.velocity.T) * seconds), covariance)
-
-
-def _start_covariance(seconds: float, settings: OdometrySettings) -> Array:
-    """Covariance (6, 6) of a motion of which only the vehicle's speed and turn rate are bounded."""
-    return np.diag((np.repeat([settings.start_speed, settings.start_turn_rate], 3) * seconds) ** 2)
