@@ -1,11 +1,13 @@
-"""``[estimator]``: the stereo pipeline, the localization chain and the submaps at hand."""
+"""``[estimator]``: the sensor's pipeline, the localization chain and the submaps at hand."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
+from services.estimator.lidar.settings import LidarSettings
 from services.estimator.relocalization import RelocalizationSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
@@ -17,8 +19,10 @@ class Settings:
     """How the robot estimates its motion and its place.
 
     Attributes:
-        camera: name of the stereo camera's topic.
-        stereo: the pipeline's five stages.
+        sensor: what the robot localizes by.
+        camera: name of the camera's topic.
+        scanner: name of the lidar's topic.
+        stereo, lidar: the sensor's pipeline, its five stages.
         chain: the localization chain.
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.
@@ -26,8 +30,11 @@ class Settings:
         wheels: how far wheel odometry is believed.
     """
 
+    sensor: Literal["stereo", "lidar"] = "stereo"
     camera: str = "front"
+    scanner: str = "top"
     stereo: StereoSettings = field(default_factory=StereoSettings)
+    lidar: LidarSettings = field(default_factory=LidarSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     experiences: ExperienceSettings = field(default_factory=ExperienceSettings)

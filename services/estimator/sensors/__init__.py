@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from services.estimator.sensors.lidar import LidarSensor
 from services.estimator.sensors.sensor import Sensor
 from services.estimator.sensors.stereo import StereoSensor
 from services.estimator.settings import Settings
@@ -13,4 +15,5 @@ __all__ = ["Sensor", "sensor_of"]
 
 def sensor_of(settings: Settings) -> Sensor[Any, Any, Any]:
     """The sensor that the settings name."""
-    return StereoSensor(settings)
+    sensors: dict[str, Callable[[Settings], Sensor[Any, Any, Any]]] = {"stereo": StereoSensor, "lidar": LidarSensor}
+    return sensors[settings.sensor](settings)
