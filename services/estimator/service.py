@@ -43,7 +43,7 @@ Submap = TypeVar("Submap")
 def main(service: Service) -> None:
     """Estimates until the service stops."""
     settings = service.config.settings("estimator", Settings)
-    Estimator(service, settings, sensor_of(settings)).run()
+    Estimator(service, settings, sensor_of(service.config.robot.sensor, settings)).run()
 
 
 class Estimator(Generic[Frame, Live, Submap]):

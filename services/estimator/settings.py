@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
@@ -19,7 +18,6 @@ class Settings:
     """How the robot estimates its motion and its place.
 
     Attributes:
-        sensor: what the robot localizes by.
         camera: name of the camera's topic.
         scanner: name of the lidar's topic.
         stereo, lidar: the sensor's pipeline, its five stages.
@@ -30,7 +28,6 @@ class Settings:
         wheels: how far wheel odometry is believed.
     """
 
-    sensor: Literal["stereo", "lidar"] = "stereo"
     camera: str = "front"
     scanner: str = "top"
     stereo: StereoSettings = field(default_factory=StereoSettings)

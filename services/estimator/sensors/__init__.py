@@ -13,7 +13,7 @@ from services.estimator.settings import Settings
 __all__ = ["Sensor", "sensor_of"]
 
 
-def sensor_of(settings: Settings) -> Sensor[Any, Any, Any]:
-    """The sensor that the settings name."""
+def sensor_of(kind: str, settings: Settings) -> Sensor[Any, Any, Any]:
+    """The sensor of the name that ``[robot]`` has for it."""
     sensors: dict[str, Callable[[Settings], Sensor[Any, Any, Any]]] = {"stereo": StereoSensor, "lidar": LidarSensor}
-    return sensors[settings.sensor](settings)
+    return sensors[kind](settings)
