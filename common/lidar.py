@@ -23,6 +23,7 @@ class LidarScan:
         rings: (N,) integers, the beam of each point; None where it is not known, and where the scan is organised.
         offsets: (...) float32, seconds from the stamp at which each point was measured; None where all points are as
             seen at the stamp, either at once or already corrected for the motion.
+        reflectivity: whether the intensity is already corrected for the range.
     """
 
     stamp_ns: int
@@ -30,6 +31,7 @@ class LidarScan:
     intensity: NDArray[np.float32]
     rings: NDArray[Any] | None = None
     offsets: NDArray[np.float32] | None = None
+    reflectivity: bool = False
 
 
 def organised_scan(

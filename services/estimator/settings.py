@@ -1,4 +1,4 @@
-"""``[estimator]``: the sensor's pipeline, the localization chain and the submaps at hand."""
+"""``[estimator]``: the sensors' pipelines, the localization chain and the submaps at hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ class Settings:
     Attributes:
         camera: name of the camera's topic.
         scanner: name of the lidar's topic.
-        stereo, lidar: the sensor's pipeline, its five stages.
+        stereo: the five stages of a stereo camera.
+        lidar: the five stages of a spinning lidar.
         chain: the localization chain.
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.

@@ -41,7 +41,7 @@ class ImageStack:
         azimuth, elevation: (H, W) float32, radians.
         range: (H, W) float32, metres; 0 where nothing came back.
         offsets: (H, W) float32, seconds from the stamp.
-        intensity: (H, W) float32, times range.
+        intensity: (H, W) float32, corrected for the range by multiplying with it.
         brightness: (rows, W) uint8, the rescaled intensity with its holes filled: for detection alone. Each row of the
             stack takes ``row_scale`` of its rows, so that its pixels are about square.
         mask: (rows, W) bool, where brightness is measured rather than filled in, the surroundings included. The
@@ -78,6 +78,7 @@ def form(scan: LidarScan, geometry: StackGeometry, settings: ImageSettings) -> I
         np.require(times, np.float32, ["C", "W"]).ravel(),
         rows,
         geometry.organised,
+        scan.reflectivity,
         settings.min_range,
         settings.max_range,
         azimuth, elevation, range_, offsets, intensity,
@@ -149,6 +150,7 @@ def _scatter(
     times: Array32,
     rows: NDArray[np.int64],
     organised: bool,  # noqa: FBT001 - compiled functions take no keywords
+    reflectivity: bool,  # noqa: FBT001
     min_range: float,
     max_range: float,
     azimuth: Array32,
@@ -177,7 +179,7 @@ def _scatter(
         elevation[row, column] = np.arctan2(z, np.sqrt(x * x + y * y))
         range_[row, column] = distance
         offsets[row, column] = times[i]
-        intensity[row, column] = intensities[i] * distance
+        intensity[row, column] = intensities[i] * (1.0 if reflectivity else distance)
 
 
 @kernel
