@@ -37,7 +37,7 @@ def _shares() -> NDArray[np.float64]:
     places, side = np.arange(GRID) - (GRID - 1) / 2, GRID / PARTS
     centres = side * (np.arange(PARTS) - (PARTS - 1) / 2)
     linear = np.maximum(1.0 - np.abs(places - centres[:, None]) / side, 0.0)
-    return linear * np.exp(-(places**2) / (2.0 * SIGMA**2))
+    return np.asarray(linear * np.exp(-(places**2) / (2.0 * SIGMA**2)), np.float64)
 
 
 SHARES = _shares()

@@ -1,10 +1,10 @@
 """The orientation of a blob: where the brightness around it rises to.
 
-Section 4.1 of the paper: Haar wavelets of side 4 s at points s apart around the blob, weighted by a Gaussian; the longest
-sum of the responses within a sector that slides over all directions. The paper's sector is sharp and of 60 degrees, so
-that the sum jumps as responses enter and leave it. Here a response counts by the cosine of half its angle to the sector's
-middle, the circle has a radius of 7 s instead of 6 s and the Gaussian 3 s instead of 2 s: half as many orientations
-change with a turn of the image.
+Section 4.1 of the paper: Haar wavelets of side 4 s at points s apart around the blob, weighted by a Gaussian; the
+longest sum of the responses within a sector that slides over all directions. The paper's sector is sharp and of 60
+degrees, so that the sum jumps as responses enter and leave it. Here a response counts by the cosine of half its angle
+to the sector's middle, the circle has a radius of 7 s instead of 6 s and the Gaussian 3 s instead of 2 s: half as many
+orientations are lost when an image turns.
 """
 
 from __future__ import annotations
