@@ -1,4 +1,4 @@
-"""How long the synthetic world takes: a pair of images, a new position of the sun, rays; beside embree's rays."""
+"""How long the synthetic world takes: images, a new position of the sun, scans; beside embree's rays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from common.geometry import Array
 from services.sensors.world import World, WorldSettings
 
 _PLACES = 24
-_RAYS = 32768
 
 
 def user_milliseconds(work: Callable[[], object]) -> float:
@@ -56,24 +55,43 @@ def main() -> None:
         settings = WorldSettings()
         world = World(replace(settings, imaging=replace(settings.imaging, samples=samples)))
         world.warm_up()
-        rows.append(_row(f"stereo pair, {samples}x{samples} samples a pixel", *around_the_route(world, world.render)))
+        each = f"{samples}x{samples} samples a pixel"
+        rows.append(_row(f"stereo pair, {each}", *around_the_route(world, world.render)))
+        rows.append(_row(f"one image, {each}", *around_the_route(world, world.render_left)))
     # The peer only finds what each pixel shows; it neither shades nor exposes.
     rows.append(_row("embree: first hits of a pair", *around_the_route(world, lambda: _cast(world))))
-    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS)
-    directions = np.stack([np.cos(angle), np.sin(angle), np.full_like(angle, -0.05)], axis=-1) / np.hypot(1.0, 0.05)
-    origins = np.broadcast_to(world.T_world_vehicle[:3, 3] + [0.0, 0.0, 1.0], directions.shape)
-    scan = user_milliseconds(lambda: world.cast_rays(origins, directions))
-    rows.append(_row(f"scan of {_RAYS} rays", scan, scan))
+    for beams in (32, 64):
+        rows.extend(lidar_rows(beams))
     later = world.settings.time + timedelta(hours=2)
     bake = user_milliseconds(lambda: world.set_time(later))
     rows.append(_row("new shadows", bake, bake))
     c = world.camera
     table.show(
-        f"synthetic world: CPU time, stereo of {c.width}x{c.height}",
+        f"synthetic world: CPU time, images of {c.width}x{c.height}",
         ["what", "median ms", "most ms", "a second", "at worst"],
         rows,
-        f"pairs at {_PLACES} places of the demo's route; embree casts one ray a pixel and shades nothing",
+        f"at {_PLACES} places of the demo's route; embree casts one ray a pixel, or a beam, and shades nothing",
     )
+
+
+def lidar_rows(beams: int) -> list[list[object]]:
+    """The rows of a lidar with a number of beams."""
+    settings = WorldSettings()
+    world = World(replace(settings, lidar=replace(settings.lidar, beams=beams)))
+    world.warm_up(cameras=False)
+    azimuth, elevation = np.meshgrid(world.lidar.azimuths, world.lidar.elevations, indexing="ij")
+    flat = np.cos(elevation)
+    rays = np.stack([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)], axis=-1).reshape(-1, 3)
+
+    def cast() -> object:
+        T = world.T_world_vehicle @ world.lidar.T_vehicle_lidar
+        return world.cast_rays(np.broadcast_to(T[:3, 3], rays.shape), rays @ T[:3, :3].T)
+
+    name = f"{beams}x{len(world.lidar.azimuths)}"
+    return [
+        _row(f"lidar scan, {name}", *around_the_route(world, world.scan)),
+        _row(f"embree: first hits of {name} rays", *around_the_route(world, cast)),
+    ]
 
 
 def _cast(world: World) -> object:

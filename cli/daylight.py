@@ -22,32 +22,35 @@ class Times:
     repeat: datetime
 
 
-def times(teach: str | None, repeat: str | None, world: WorldSettings) -> Times:
+def times(teach: str | None, repeat: str | None, world: WorldSettings, *, by_night: bool = False) -> Times:
     """The moments of two clock times (HH:MM, UTC) on the world's day.
 
     Without a time to teach at, it is the world's own; without one to repeat at, the light stays as it was.
 
     Raises:
-        CommandError: a text is no time, or the sun is down in the world then.
+        CommandError: a text is no time, or the sun is down in the world then and not ``by_night``.
     """
-    taught = world.time.astimezone(UTC) if teach is None else moment(teach, "--teach-time", world)
-    return Times(taught, taught if repeat is None else moment(repeat, "--repeat-time", world))
+    taught = world.time.astimezone(UTC) if teach is None else moment(teach, "--teach-time", world, by_night=by_night)
+    repeated = taught if repeat is None else moment(repeat, "--repeat-time", world, by_night=by_night)
+    return Times(taught, repeated)
 
 
-def moment(text: str, option: str, world: WorldSettings) -> datetime:
-    """The moment of a clock time (HH:MM, UTC) on the world's day, by daylight.
+def moment(text: str, option: str, world: WorldSettings, *, by_night: bool = False) -> datetime:
+    """The moment of a clock time (HH:MM, UTC) on the world's day; a sensor with a light of its own works ``by_night``.
 
     Raises:
-        CommandError: the text is no time, or the sun is down then.
+        CommandError: the text is no time, or the sun is down then and not ``by_night``.
     """
     clock = _CLOCK.fullmatch(text.strip())
     if clock is None:
         raise CommandError(f"{option}: '{text}' is no time of day: write HH:MM, as 09:00")
     at = world.time.astimezone(UTC).replace(hour=int(clock[1]), minute=int(clock[2]), second=0, microsecond=0)
-    if not _is_day(at, world):
+    if not by_night and not _is_day(at, world):
         rise, fall = daylight_hours(at, world)
         advice = f"choose a time from {rise} to {fall}" if rise else "it never rises on the world's day"
-        raise CommandError(f"{option}: at {at:%H:%M} UTC the sun is down in the world: {advice}")
+        raise CommandError(
+            f"{option}: at {at:%H:%M} UTC the sun is down in the world, and a camera sees nothing: {advice}"
+        )
     return at
 
 

@@ -77,6 +77,8 @@ Transforms = Annotated[NDArray[np.float64], ArraySpec("<f8", (None, 4, 4), rigid
 Covariance = Annotated[NDArray[np.float64], ArraySpec("<f8", (6, 6))]
 Covariances = Annotated[NDArray[np.float64], ArraySpec("<f8", (None, 6, 6))]
 Twist = Annotated[NDArray[np.float64], ArraySpec("<f8", (6,))]
+Vector = Annotated[NDArray[np.float64], ArraySpec("<f8", (None,))]
+Ranges = Annotated[NDArray[np.float32], ArraySpec("<f4", (None, None))]
 Image = Annotated[NDArray[np.uint8], ArraySpec("|u1")]
 Descriptors = Annotated[NDArray[np.uint8], ArraySpec("|u1", (None, 32))]
 """Binary descriptors of 256 bits."""

@@ -12,9 +12,32 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-from common.arrays import AnyArray, Covariance, Covariances, Descriptors, Image, Indices, Transform, Transforms, Twist
+from common.arrays import (
+    AnyArray,
+    Covariance,
+    Covariances,
+    Descriptors,
+    Image,
+    Indices,
+    Ranges,
+    Transform,
+    Transforms,
+    Twist,
+    Vector,
+)
 from common.camera import StereoCamera
 from common.ids import MAP_ID_PATTERN, NAME_PATTERN, VertexId
+
+_SIDE = (16, 16384)
+"""Least and most pixels of an image's side, and columns of a scan."""
+_SCAN_BOUNDS = (
+    ("ranges", 0.0, 1000.0),
+    ("intensities", 0.0, 65535.0),
+    ("elevations", -1.5708, 1.5708),
+    ("azimuths", -6.2832, 6.2832),
+    ("offsets", -1.0, 1.0),
+)
+"""What a lidar can mean: metres, sensor's own levels, radians, seconds."""
 
 Stamp = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
@@ -23,6 +46,7 @@ Text = Annotated[str, StringConstraints(max_length=2000)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
 Focal = Annotated[float, Field(gt=0, le=1e5)]
 NotNegative = Annotated[float, Field(ge=0)]
+Side = Annotated[int, Field(ge=_SIDE[0], le=_SIDE[1])]
 Wavelength = Annotated[float, Field(ge=1e-7, le=2e-5)]
 
 
@@ -43,8 +67,8 @@ class Message(BaseModel):
 class CameraModel(Message):
     """Calibration of a rectified stereo pair; see :class:`common.camera.StereoCamera`."""
 
-    width: Annotated[int, Field(ge=16, le=16384)]
-    height: Annotated[int, Field(ge=16, le=16384)]
+    width: Side
+    height: Side
     fx: Focal
     fy: Focal
     cx: Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -88,6 +112,66 @@ class StereoFrame(Message):
                 raise ValueError(f"an image is {image.shape}, its calibration {size}")
         if self.left.shape != self.right.shape:
             raise ValueError("one image is grey and the other is not")
+        return self
+
+
+class CameraFrame(Message):
+    """An image of one camera of which nothing is known, grey (H, W) or RGB (H, W, 3), uint8."""
+
+    stamp: Stamp
+    image: Image
+
+    @model_validator(mode="after")
+    def _is_an_image(self) -> Self:
+        shape = self.image.shape
+        if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)):
+            raise ValueError(f"an array {shape} is no grey or RGB image")
+        if not all(_SIDE[0] <= side <= _SIDE[1] for side in shape[:2]):
+            raise ValueError(f"an image's sides have {_SIDE[0]} to {_SIDE[1]} pixels, not {shape[:2]}")
+        return self
+
+
+class LidarScan(Message):
+    """One turn of a spinning lidar, organised: H beams from the top to the bottom, W columns in the order of firing.
+
+    ``ranges`` (H, W) in metres are distances from the lidar's centre when the beam was fired, 0 where nothing came
+    back; ``intensities`` (H, W) are as the sensor reports them: uint8, uint16, or float32 up to 65535. ``elevations``
+    (H,) or (H, W) and ``azimuths`` (W,) or (H, W), positive to the left, are in the lidar's frame (x forward, y left,
+    z up). Column j was fired ``offsets[j]`` seconds after the stamp, before it where that is negative.
+    """
+
+    stamp: Stamp
+    T_vehicle_lidar: Transform
+    ranges: Ranges
+    intensities: AnyArray
+    elevations: AnyArray
+    azimuths: AnyArray
+    offsets: Vector
+
+    @model_validator(mode="after")
+    def _is_a_scan(self) -> Self:
+        beams, columns = self.ranges.shape
+        if not 2 <= beams <= 512 or not _SIDE[0] <= columns <= _SIDE[1]:
+            raise ValueError(f"a scan of {beams} beams and {columns} columns is of no spinning lidar")
+        if self.intensities.shape != self.ranges.shape or self.offsets.shape != (columns,):
+            raise ValueError("a scan has an intensity for every range and an offset for every column")
+        if self.elevations.shape not in ((beams,), (beams, columns)):
+            raise ValueError(f"elevations {self.elevations.shape} do not fit ranges {self.ranges.shape}")
+        if self.azimuths.shape not in ((columns,), (beams, columns)):
+            raise ValueError(f"azimuths {self.azimuths.shape} do not fit ranges {self.ranges.shape}")
+        if self.intensities.dtype.str not in {"|u1", "<u2", "<f4"}:
+            raise ValueError(f"intensities are uint8, uint16 or float32, not {self.intensities.dtype}")
+        for name in ("elevations", "azimuths"):
+            if getattr(self, name).dtype.str not in {"<f4", "<f8"}:
+                raise ValueError(f"{name} are float32 or float64")
+        return self
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        for name, least, most in _SCAN_BOUNDS:
+            values = getattr(self, name)
+            if values.min() < least or values.max() > most:
+                raise ValueError(f"{name} are between {least:g} and {most:g}")
         return self
 
 

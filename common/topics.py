@@ -70,6 +70,8 @@ class Topic:
 _FRAME, _STATE, _QUERY = Delivery.FRAME, Delivery.STATE, Delivery.QUERY
 
 STEREO = Topic("sensor/stereo/{name}", m.StereoFrame, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
+CAMERA = Topic("sensor/camera/{name}", m.CameraFrame, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
+LIDAR = Topic("sensor/lidar/{name}", m.LidarScan, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
 WHEEL_ODOMETRY = Topic("sensor/odometry", m.WheelOdometry, ("sensors", "player"), _FRAME, rate_hz=50, max_age_s=0.2)
 JOYSTICK = Topic("sensor/joystick", m.Joystick, ("sensors", "console", "operator"), _FRAME, rate_hz=20, max_age_s=0.3)
 

@@ -41,6 +41,8 @@ def valid_examples() -> dict[Topic, m.Message]:
     part = m.GraphQuery(environment="park", map=MAP_ID, vertices=[vertex])
     return {
         topics.STEREO: m.StereoFrame(stamp=STAMP, camera=_camera(), left=_image(), right=_image()),
+        topics.CAMERA: m.CameraFrame(stamp=STAMP, image=_image()),
+        topics.LIDAR: _scan(),
         topics.WHEEL_ODOMETRY: m.WheelOdometry(stamp=STAMP, v=1.0, w=0.1),
         topics.JOYSTICK: m.Joystick(stamp=STAMP, axes=[0.0, -1.0], held=True),
         topics.ODOMETRY: m.Odometry(
@@ -231,6 +233,14 @@ def _camera() -> m.CameraModel:
 
 def _image() -> NDArray[np.uint8]:
     return np.arange(16 * 20 * 3, dtype=np.uint16).astype(np.uint8).reshape(16, 20, 3)
+
+
+def _scan() -> m.LidarScan:
+    return m.LidarScan(
+        stamp=STAMP, T_vehicle_lidar=np.eye(4), ranges=np.full((4, 16), 3.5, np.float32),
+        intensities=np.arange(64, dtype=np.uint8).reshape(4, 16), elevations=np.array([0.1, 0.0, -0.1, -0.2]),
+        azimuths=np.linspace(3.0, -3.0, 16), offsets=np.linspace(-0.1, 0.0, 16),
+    )  # fmt: skip
 
 
 def _map() -> m.MapRecord:

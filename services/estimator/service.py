@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Hashable
+from typing import Generic, TypeVar
 
 import numpy as np
 import structlog
 
 from common import messages as m
 from common import topics
-from common.camera import StereoCamera
 from common.errors import BusError
 from common.geometry import Uncertain
 from common.ids import VertexId
@@ -19,75 +19,73 @@ from services.estimator import relocalization
 from services.estimator.committer import Committer
 from services.estimator.experience import ExperienceRecorder, Place
 from services.estimator.experience_loader import ExperienceLoader
-from services.estimator.pipeline import Localized, Step
+from services.estimator.pipeline import Localized, Pipeline, Step
 from services.estimator.reckoning import DeadReckoning
-from services.estimator.relocalization import Finder, appearance_of
+from services.estimator.relocalization import Finder
 from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
 from services.estimator.route_map import RouteMap
+from services.estimator.sensors import Sensor, sensor_of
+from services.estimator.sensors.sensor import FramePipeline, SensorFrame
 from services.estimator.settings import Settings
-from services.estimator.stereo.pipeline import StereoPipeline
-from services.estimator.stereo.streams import Streams
-from services.estimator.stereo.submap import StereoSubmap
-from services.estimator.stereo.warm_up import warm_up
 from services.estimator.submaps import SubmapCache
 from services.estimator.wheels import WheelMotion
 
 log = structlog.get_logger()
 
 _FRAME_WAIT_S = 0.1
-_ANY_CAMERA = StereoCamera(640, 400, 425.0, 425.0, 319.5, 199.5, 0.24)
-"""What is compiled before the first frame serves every camera."""
-
 _ASK_S = 1.0
 
-Recorder = ExperienceRecorder[Streams, StereoSubmap]
-Localizer = RouteLocalizer[Streams, StereoSubmap]
+Frame = TypeVar("Frame", bound=SensorFrame)
+Live = TypeVar("Live")
+Submap = TypeVar("Submap")
 
 
 def main(service: Service) -> None:
     """Estimates until the service stops."""
-    Estimator(service, service.config.settings("estimator", Settings)).run()
+    settings = service.config.settings("estimator", Settings)
+    Estimator(service, settings, sensor_of(service.config.robot.sensor, settings)).run()
 
 
-class Estimator:
+class Estimator(Generic[Frame, Live, Submap]):
     """Takes frames one at a time and does with each what the navigator's state asks for."""
 
-    def __init__(self, service: Service, settings: Settings) -> None:
+    def __init__(self, service: Service, settings: Settings, sensor: Sensor[Frame, Live, Submap]) -> None:
         bus = service.bus
         self._service = service
         self._settings = settings
-        self._frames = bus.subscribe(topics.STEREO, settings.camera)
+        self._sensor = sensor
+        self._frames = bus.subscribe(sensor.topic, sensor.name)
         self._wheels = bus.subscribe(topics.WHEEL_ODOMETRY)
         self._states = bus.subscribe(topics.STATE)
         self._routes = bus.subscribe(topics.ROUTE)
         self._odometry = bus.publisher(topics.ODOMETRY)
         self._localization = bus.publisher(topics.LOCALIZATION)
         self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
-        self._submaps: SubmapCache[StereoSubmap] = SubmapCache(self._fetch, self._read)
+        self._submaps: SubmapCache[Submap] = SubmapCache(self._fetch, self._read)
         self._experiences = ExperienceLoader(self._topology, settings.experiences)
-        found = settings.relocalization
-        self._finder: Finder[Streams, StereoSubmap] = Finder(
+        self._finder: Finder[Live, Submap] = Finder(
             bus.ask,
-            lambda live: appearance_of({n: f.features for n, f in live.items()}, found.query_descriptors),
+            sensor.appearance,
             service.config.robot.environment,
-            found,
+            sensor.topic.max_age_s,
+            settings.relocalization,
         )
         self._wheel_motion = WheelMotion(settings.wheels)
-        self._camera: m.CameraModel | None = None
-        self._pipeline: StereoPipeline | None = None
-        self._recorder: Recorder | None = None
-        self._localizer: Localizer | None = None
+        self._calibration: Hashable = None
+        self._pipeline: FramePipeline[Frame, Live, Submap] | None = None
+        self._recorder: ExperienceRecorder[Live, Submap] | None = None
+        self._localizer: RouteLocalizer[Live, Submap] | None = None
         self._localizing: tuple[str, VertexId | None] | None = None
         self._anchor: VertexId | None = None
         self._T_anchor_live = DeadReckoning()
         self._joined: VertexId | None = None
-        self._last_step: Step[Streams] | None = None
+        self._last_step: Step[Live] | None = None
         self._last_success = time.monotonic()
 
     def run(self) -> None:
         """The loop: one frame after another, always the newest."""
         service = self._service
-        warm_up(_ANY_CAMERA, self._settings.stereo)
+        self._sensor.warm_up()
         relocalization.warm_up()
         service.thread(self._committer.run, "commits")
         service.thread(lambda: self._submaps.run(service.stop), "submaps")
@@ -107,10 +105,10 @@ class Estimator:
                 except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
                     log.warning("a frame cannot be used", reason=str(error))
 
-    def _take(self, frame: m.StereoFrame, state: m.State | None) -> None:
+    def _take(self, frame: Frame, state: m.State | None) -> None:
         """One frame through the stages that the state asks for."""
         pipeline = self._pipeline_of(frame)
-        step = pipeline.process(frame.left, frame.right, frame.stamp, self._driven(frame.stamp))
+        step = pipeline.take(frame, self._driven(frame.stamp))
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
         self._T_anchor_live.move(step)
@@ -127,18 +125,15 @@ class Estimator:
         seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
         return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)
 
-    def _pipeline_of(self, frame: m.StereoFrame) -> StereoPipeline:
-        """The pipeline of a frame's camera; another calibration starts another one."""
-        camera = frame.camera
-        if self._pipeline is None or not _same(camera, self._camera):
-            log.info("a camera appeared", width=camera.width, height=camera.height, baseline=round(camera.baseline, 4))
+    def _pipeline_of(self, frame: Frame) -> FramePipeline[Frame, Live, Submap]:
+        """The pipeline of a frame's calibration; another calibration starts another one."""
+        calibration = self._sensor.calibration(frame)
+        if self._pipeline is None or calibration != self._calibration:
             if self._pipeline is not None:
                 self._pipeline.close()
-            self._camera = camera
-            self._pipeline = StereoPipeline(camera.camera(), self._settings.stereo, parallel=True)
-            # One of its own: a search must not wait for a frame, nor a frame for it.
-            self._finder.searcher = StereoPipeline(camera.camera(), self._settings.stereo)
-            log.info("localizing", streams=self._pipeline.streams_of(frame.left))
+            self._pipeline = self._sensor.open(frame)
+            self._calibration = calibration
+            self._finder.searcher = self._sensor.searcher(frame)
             self._localizer, self._localizing, self._last_step = None, None, None
             self._T_anchor_live, self._anchor = DeadReckoning(), None
         return self._pipeline
@@ -151,7 +146,7 @@ class Estimator:
 
     # --- localization ------------------------------------------------------------------------------------------------
 
-    def _localize(self, pipeline: StereoPipeline, step: Step[Streams], state: m.State) -> Place | None:
+    def _localize(self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State) -> Place | None:
         """Keeps the chain, and localizes in the states that need it; where the frame is, if that was found."""
         names = m.StateName
         searching = state.name in (names.TEACH_METRIC_LOCALIZE, names.REPEAT_METRIC_LOCALIZE)
@@ -176,10 +171,10 @@ class Estimator:
         return localizer.branch_and_leaf() if result.success else None
 
     @staticmethod
-    def _is_following(state: m.State, localizer: Localizer) -> bool:
+    def _is_following(state: m.State, localizer: RouteLocalizer[Live, Submap]) -> bool:
         return state.name == m.StateName.REPEAT_FOLLOW and localizer.chain.localized
 
-    def _prepare(self, pipeline: StereoPipeline, state: m.State) -> None:
+    def _prepare(self, pipeline: Pipeline[Live, Submap], state: m.State) -> None:
         """Has a localizer for what the state localizes against: a route, or a single vertex."""
         wish = (state.route, state.target)
         if self._localizer is not None and self._localizing == wish:
@@ -198,10 +193,10 @@ class Estimator:
             # The same route with another target: a resume after a pause, during which the chain went on.
             localizer = self._localizer
         else:
-            route_map: RouteMap[Streams, StereoSubmap] = RouteMap(
+            route_map: RouteMap[Live, Submap] = RouteMap(
                 vertices, path, pipeline, self._submaps.get, settings.experiences
             )
-            localizer = RouteLocalizer(route_map, path, pipeline, settings.chain, settings.window)
+            localizer = self._sensor.localizer(route_map, path, pipeline)
             self._experiences.load(state.environment, vertices, path, localizer.use)
         if not localizer.chain.localized:
             localizer.start(state.position if state.name == m.StateName.REPEAT_FOLLOW else state.target)
@@ -209,7 +204,7 @@ class Estimator:
         self._localizer, self._localizing = localizer, wish
 
     def _publish_localization(
-        self, step: Step[Streams], state: m.State, localizer: Localizer, result: Localized
+        self, step: Step[Live], state: m.State, localizer: RouteLocalizer[Live, Submap], result: Localized
     ) -> None:
         chain = localizer.chain
         estimate = chain.T_trunk_leaf()
@@ -231,7 +226,7 @@ class Estimator:
             )
         )
 
-    def _publish_odometry(self, step: Step[Streams]) -> None:
+    def _publish_odometry(self, step: Step[Live]) -> None:
         estimate = Uncertain.identity() if self._anchor is None else self._T_anchor_live.T_reference_live
         self._odometry.put(
             m.Odometry(
@@ -248,7 +243,9 @@ class Estimator:
 
     # --- recording ---------------------------------------------------------------------------------------------------
 
-    def _record(self, pipeline: StereoPipeline, step: Step[Streams], state: m.State, localized: Place | None) -> None:
+    def _record(
+        self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State, localized: Place | None
+    ) -> None:
         """Makes vertices while a map is taught, or an experience recorded in a repeat."""
         teaching, following = state.name == m.StateName.TEACH_BRANCH, state.name == m.StateName.REPEAT_FOLLOW
         if state.map is None or not (teaching or following):
@@ -268,7 +265,9 @@ class Estimator:
             if commit.vertex is not None:
                 self._submaps.put(commit.vertex.id, pipeline.read(commit.vertex))
 
-    def _recorder_for(self, pipeline: StereoPipeline, step: Step[Streams], record: m.MapRecord) -> Recorder | None:
+    def _recorder_for(
+        self, pipeline: Pipeline[Live, Submap], step: Step[Live], record: m.MapRecord
+    ) -> ExperienceRecorder[Live, Submap] | None:
         """A recorder for a new map, or for one that this process began in an earlier life; None while that is open."""
         try:
             stored: m.MapList = self._service.bus.ask(topics.MAPS, m.GraphQuery(environment=record.environment), _ASK_S)
@@ -314,18 +313,7 @@ class Estimator:
         answer: m.Topology = self._service.bus.ask(topics.TOPOLOGY, m.GraphQuery(environment=environment), _ASK_S)
         return answer
 
-    def _read(self, record: m.VertexRecord) -> StereoSubmap:
+    def _read(self, record: m.VertexRecord) -> Submap:
         if self._pipeline is None:
-            raise ValueError("no camera has appeared yet")
+            raise ValueError(f"no frame has come yet on {self._sensor.topic.at('<robot>', self._sensor.name)}")
         return self._pipeline.read(record)
-
-
-def _same(camera: m.CameraModel, other: m.CameraModel | None) -> bool:
-    """Whether two calibrations are equal; arrays have no single equality."""
-    return other is not None and all(
-        _equal(getattr(camera, name), getattr(other, name)) for name in type(camera).model_fields
-    )
-
-
-def _equal(a: Any, b: Any) -> bool:  # noqa: ANN401, a number or an array
-    return bool((a == b).all()) if hasattr(a, "all") else bool(a == b)

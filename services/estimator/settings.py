@@ -18,7 +18,8 @@ class Settings:
     """How the robot estimates its motion and its place.
 
     Attributes:
-        camera: name of the stereo camera's topic.
+        camera: name of the camera's topic.
+        scanner: name of the lidar's topic.
         stereo: the five stages of a stereo camera.
         lidar: the five stages of a spinning lidar.
         chain: the localization chain.
@@ -29,6 +30,7 @@ class Settings:
     """
 
     camera: str = "front"
+    scanner: str = "top"
     stereo: StereoSettings = field(default_factory=StereoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)

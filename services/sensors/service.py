@@ -1,9 +1,10 @@
-"""The sensors' topics and loops: the synthetic world's frames, wheel odometry and truth out; ``command/safe`` in."""
+"""The sensors' topics and loops: the synthetic world's frames, scans, odometry and truth out; ``command/safe`` in."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -34,7 +35,7 @@ def main(service: Service) -> None:
 
 
 class SyntheticDriver:
-    """The synthetic world in real time: its base in one thread, its camera in another."""
+    """The synthetic world in real time: its base in one thread, its camera in another, its lidar in a third."""
 
     def __init__(self, service: Service, settings: Settings) -> None:
         bus = service.bus
@@ -46,22 +47,29 @@ class SyntheticDriver:
         self._lock = threading.Lock()
         self._presence = bus.presence()
         self._safe = bus.subscribe(topics.SAFE)
-        self._frames = bus.publisher(topics.STEREO, settings.camera)
+        self._pairs = bus.publisher(topics.STEREO, settings.camera)
+        self._images = bus.publisher(topics.CAMERA, settings.camera)
+        self._scans = bus.publisher(topics.LIDAR, settings.lidar)
         self._odometry = bus.publisher(topics.WHEEL_ODOMETRY)
         self._truth = bus.publisher(topics.TRUTH)
 
     def run(self) -> None:
-        """Starts where the robot stood, then drives and renders."""
+        """Starts where the robot stood, then drives, renders and scans."""
         stood = self._stood
         if stood is not None:
             self._world.restore(stood)
             log.info("the robot stands where it stood", x=round(stood.x, 2), y=round(stood.y, 2))
-        self._world.warm_up()
+        self._world.warm_up(cameras=self._settings.sees, lidar=self._settings.scans)
         self._service.bus.serve(topics.TRUTH_PLACE, self._put_down)
         self._service.bus.serve(topics.TRUTH_TIME, self._set_clock)
+        self._began = time.monotonic() - self._world.clock
         self._service.thread(self._drive, "base")
+        if self._settings.sees:
+            self._service.thread(self._see, "camera")
+        if self._settings.scans:
+            self._service.thread(self._spin, "lidar")
         self._service.ready()
-        self._see()
+        self._service.stop.wait()
 
     def _at_rest(self) -> BaseState | None:
         """Where the robot stood: the base's own time-out has stopped it while this process was away."""
@@ -89,12 +97,12 @@ class SyntheticDriver:
     def _drive(self) -> None:
         """The base, stepped by the time that really passed."""
         period = 1.0 / self._settings.base_rate
-        last = time.monotonic()
+        last = self._began + self._world.clock
         due = last
         while not self._service.stop.is_set():
             due = max(due + period, time.monotonic() - period)
             self._service.stop.wait(max(0.0, due - time.monotonic()))
-            now = time.monotonic()
+            now, stamp = time.monotonic(), m.now_ns()
             received = self._safe.poll()
             command = None if received is None else (received.message.v, received.message.w)
             with self._lock:
@@ -104,22 +112,49 @@ class SyntheticDriver:
                 T_world_vehicle = self._world.T_world_vehicle
                 self._place.save(self._world.base_state)
             last = now
-            stamp = m.now_ns()
             self._truth.put(m.Truth(stamp=stamp, T_world_vehicle=T_world_vehicle, v=truth_v, w=truth_w))
             if PLAYER not in self._presence:
                 self._odometry.put(m.WheelOdometry(stamp=stamp, v=v, w=w))
 
     def _see(self) -> None:
         """The camera, on a schedule of its own."""
-        period = 1.0 / self._settings.frame_rate
-        camera = m.CameraModel.of(self._world.camera)
+        for _ in self._when_due(self._settings.frame_rate):
+            stamp = m.now_ns()
+            if "stereo" not in self._settings.simulate:
+                with self._service.stage("render"):
+                    left = self._world.render_left()
+            else:
+                with self._service.stage("render"):
+                    left, right = self._world.render()
+                camera = m.CameraModel.of(self._world.camera)
+                self._pairs.put(m.StereoFrame(stamp=stamp, camera=camera, left=left, right=right))
+            if "camera" in self._settings.simulate:
+                self._images.put(m.CameraFrame(stamp=stamp, image=left))
+
+    def _spin(self) -> None:
+        """The lidar, on a schedule of its own; a scan's stamp is the time of its last column."""
+        lidar = self._world.lidar
+        for _ in self._when_due(self._settings.world.lidar.rate):
+            stamp, clock = m.now_ns(), time.monotonic() - self._began
+            with self._service.stage("scan"):
+                scan = self._world.scan(clock)
+            self._scans.put(
+                m.LidarScan(
+                    stamp=stamp,
+                    T_vehicle_lidar=lidar.T_vehicle_lidar,
+                    ranges=scan.ranges,
+                    intensities=scan.intensities,
+                    elevations=lidar.elevations,
+                    azimuths=lidar.azimuths,
+                    offsets=lidar.times,
+                )
+            )
+
+    def _when_due(self, rate: float) -> Iterator[None]:
+        """Each time that a sensor of a rate, Hz, measures, until the service stops; not while a playback is there."""
         due = time.monotonic()
         while not self._service.stop.is_set():
-            due = max(due + period, time.monotonic())
+            due = max(due + 1.0 / rate, time.monotonic())
             self._service.stop.wait(due - time.monotonic())
-            if PLAYER in self._presence:
-                continue
-            stamp = m.now_ns()
-            with self._service.stage("render"):
-                left, right = self._world.render()
-            self._frames.put(m.StereoFrame(stamp=stamp, camera=camera, left=left, right=right))
+            if PLAYER not in self._presence:
+                yield

@@ -98,6 +98,10 @@ def test_robot_toml_of_the_present_folder_is_used(vtr, write_config):
         ("[trakcer]\n", ("[trakcer]", "'tracker'")),
         ('[sensors]\ndriver = "lidar"\n', ("sensors.driver", "lidar")),
         ("[sensors]\nframe_rate = 0.0\n", ("frame_rate", "positive")),
+        ('[sensors]\nsimulate = ["radar"]\n', ("sensors.simulate", "radar")),
+        ("[sensors]\nsimulate = []\n", ("simulate", "driver 'none'")),
+        ("[sensors.world.lidar]\nbeams = 1\n", ("beams", "2 to 256")),
+        ("[sensors.world.lidar]\nbeam = 16\n", ("sensors.world.lidar.beam", "'beams'")),
         ("[sensors\n", ("TOML",)),
     ],
 )

@@ -41,6 +41,14 @@ def test_the_night_is_refused_with_the_hours_of_the_day():
         )
 
 
+def test_the_night_is_a_time_for_a_sensor_with_a_light_of_its_own():
+    night = datetime(2026, 6, 21, 23, 30, tzinfo=UTC)
+    assert times("23:30", None, WORLD, by_night=True) == Times(night, night)
+    assert times(None, "23:30", WORLD, by_night=True) == Times(WORLD.time, night)
+    with pytest.raises(CommandError, match="HH:MM"):
+        times("24:30", None, WORLD, by_night=True)
+
+
 def test_a_polar_night_has_no_hours():
     polar = WorldSettings(latitude=80.0, time=datetime(2026, 12, 21, 11, tzinfo=UTC))
     assert daylight_hours(polar.time, polar) == ("", "")

@@ -11,6 +11,7 @@ from common.geometry import Array, Uncertain
 from common.lidar import LidarScan
 from common.messages import Keyframe, VertexRecord
 from services.estimator.lidar import mapping
+from services.estimator.lidar.appearance import appearance_of
 from services.estimator.lidar.features import FeatureError, Landmarks
 from services.estimator.lidar.localization import LidarLocalizer, LocalizationResult
 from services.estimator.lidar.mapping import LidarSubmap
@@ -72,11 +73,13 @@ class LidarPipeline:
 
     def keyframe(self, live: LidarFrame) -> Keyframe:
         """The scan's local map, with a thumbnail of its brightness."""
-        landmarks = mapping.local_map(live.features.landmarks(), self._settings.mapping)
+        seen = live.features.landmarks()
+        landmarks = mapping.local_map(seen, self._settings.mapping)
         return Keyframe(
             pipeline=NAME,
             arrays={**landmarks.to_arrays(), _MOUNTING: self._mounting},
             thumbnail=thumbnail(live.brightness, _THUMBNAIL_WIDTH),
+            appearance=appearance_of(seen),
         )
 
     def read(self, record: VertexRecord) -> LidarSubmap:

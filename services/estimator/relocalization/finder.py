@@ -73,12 +73,14 @@ class Finder(Generic[Live, Local]):
         ask: Ask,
         appearance_of: Callable[[Live], Appearance],
         environment: str,
+        max_age_s: float,
         settings: RelocalizationSettings | None = None,
     ) -> None:
-        """``appearance_of`` says what a frame looks like, as its vertex would keep it."""
+        """``appearance_of`` says what a frame looks like, as its vertex would keep it; older frames are not used."""
         self.searcher: Searcher[Live, Local] | None = None
         self._ask = ask
         self._appearance_of = appearance_of
+        self._max_age_s = max_age_s
         self._settings = settings or RelocalizationSettings()
         self._network = _Network(environment, self._settings)
         self._lock = threading.Lock()
@@ -104,7 +106,7 @@ class Finder(Generic[Live, Local]):
                 raise PlaceUnknown(f"environment '{question.environment}' has no vertex that could be recognised")
             step, searcher = self._newest(), self.searcher
             if step is None or searcher is None:
-                raise PlaceUnknown("there is no frame of the camera to find the robot by")
+                raise PlaceUnknown("there is no frame of the sensor to find the robot by")
             found = self._relocalizer(searcher).find(step.live, self._appearance_of(step.live))
         if isinstance(found, NotFound):
             raise PlaceUnknown(found.reason)
@@ -126,8 +128,8 @@ class Finder(Generic[Live, Local]):
             stop.wait(self._settings.period_s)
 
     def _newest(self) -> Step[Live] | None:
-        """The newest frame, unless the camera has been silent since."""
-        if self._seen is None or time.monotonic() - self._seen[1] > topics.STEREO.max_age_s:
+        """The newest frame, unless the sensor has been silent since."""
+        if self._seen is None or time.monotonic() - self._seen[1] > self._max_age_s:
             return None
         return self._seen[0]
 

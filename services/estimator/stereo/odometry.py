@@ -40,6 +40,8 @@ class OdometryResult:
         keyframe: running number of that keyframe, 0 for the first; a pair with ``is_keyframe`` is the next one, or the
             first. Motions since different keyframes have independent errors but for those of the calibration; motions
             since the same one share the errors of its landmarks, so that covariances add up per keyframe only.
+        T_previous_keyframe: motion from the keyframe before to that one, as bundle adjustment knows it by now; None
+            while it has nothing to say of it.
         is_keyframe: whether later pairs are matched against this one.
         matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
         rms: root mean square error of the inliers in the left image, pixels.
@@ -60,6 +62,7 @@ class OdometryResult:
     rms: float
     frame: StereoFrame
     milliseconds: dict[str, float] = field(default_factory=dict)
+    T_previous_keyframe: Uncertain | None = None
 
 
 @dataclass(slots=True)
@@ -93,6 +96,7 @@ class StereoOdometry:
         self._first_sigma = np.inf
         self._failures = 0
         self._number = 0
+        self._adjusted: Uncertain | None = None
 
     @property
     def rectification(self) -> Rectification:
@@ -102,7 +106,7 @@ class StereoOdometry:
     def reset(self) -> None:
         """Forget keyframe, motion and pose: the next pair is the first."""
         self._keyframe, self._motion, self._failures, self._first_sigma = None, None, 0, np.inf
-        self._T_odom_keyframe = np.eye(4)
+        self._T_odom_keyframe, self._adjusted = np.eye(4), None
         # A gap, so that no adjustment of before is taken for one of what follows.
         self._number += 2
 
@@ -237,6 +241,7 @@ class StereoOdometry:
             rms=solution.rms if solution else 0.0,
             frame=frame,
             milliseconds=times,
+            T_previous_keyframe=self._adjusted,
         )
         last = T_keyframe_live
         if is_keyframe:
@@ -249,6 +254,7 @@ class StereoOdometry:
             self._keyframe, self._T_odom_keyframe = self._corrected(frame), geometry.normalize(T_odom_live)
             self._failures, self._first_sigma, last = 0, np.inf, Uncertain.identity()
             self._number += 1
+            self._adjusted = None
             self._hand_over(frame, T_keyframe_live.T, _links(previous, found, solution))
         self._motion = _Motion(frame.stamp_ns, last, velocity if self._failures < s.max_failures else None)
         return result
@@ -265,6 +271,7 @@ class StereoOdometry:
         if adjustment is None or adjustment.keyframe != self._number or self._keyframe is None:
             return
         self._T_odom_keyframe = adjustment.T_odom_keyframe
+        self._adjusted = adjustment.T_previous_keyframe
         if self.settings.bundle.refine_landmarks:
             self._keyframe = replace(self._keyframe, features=adjustment.features)
             self._rectification = adjustment.rectification

@@ -95,6 +95,7 @@ class StereoPipeline:
             live[INVARIANT] = second()
         mounting = self._camera.T_vehicle_camera
         T_last_live = in_vehicle_frames(result.T_previous_live, mounting)
+        adjusted = result.T_previous_keyframe
         elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) * 1e-9
         self._last_stamp = stamp
         twist = geometry.log(T_last_live.T) / elapsed if elapsed > 0.0 else np.zeros(6)
@@ -109,6 +110,7 @@ class StereoPipeline:
             reason=result.reason,
             live=live,
             milliseconds=result.milliseconds,
+            T_previous_keyframe=None if adjusted is None else in_vehicle_frames(adjusted, mounting),
         )
 
     def keyframe(self, live: Streams) -> Keyframe:

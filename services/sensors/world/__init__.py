@@ -1,11 +1,13 @@
 """The synthetic world: terrain and things under a moving sun, and a robot that sees and drives in it."""
 
 from services.sensors.world.base import Base, BaseState
+from services.sensors.world.lidar import Lidar, Scan
 from services.sensors.world.scene import Scene
 from services.sensors.world.settings import (
     BandSettings,
     BaseSettings,
     ImagingSettings,
+    LidarSettings,
     SceneSettings,
     WorldSettings,
     default_rig,
@@ -20,6 +22,9 @@ __all__ = [
     "BaseState",
     "Daylight",
     "ImagingSettings",
+    "Lidar",
+    "LidarSettings",
+    "Scan",
     "Scene",
     "SceneSettings",
     "World",

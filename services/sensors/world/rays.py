@@ -21,7 +21,7 @@ class RayCaster:
         self._scene = EmbreeScene()
         self._mesh = TriangleMesh(self._scene, triangles)
 
-    def first_hits(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64]]:
+    def first_hits(self, origins: Array | Floats, directions: Array | Floats) -> tuple[Array, NDArray[np.int64]]:
         """Distances (N,) in metres, infinite for a miss, and polygons (N,), -1 for a miss.
 
         ``origins`` (N, 3) metres, ``directions`` (N, 3) of length one.

@@ -34,6 +34,14 @@ class _Lit:
     evenly: Floats
 
 
+def white_light(light: Daylight, bands: Array) -> tuple[Array, Array]:
+    """What bands of sensitivities (3, L) see of a white surface in the sun, and under the sky: (3,), (3,)."""
+    sun = illuminant(light.sun_temperature, light.sun_irradiance)
+    sky = illuminant(light.sky_temperature, light.sky_irradiance)
+    ideal = np.ones(REFLECTANCES.shape[-1])
+    return responses(ideal, sun, bands), responses(ideal, sky, bands)
+
+
 class Renderer:
     """Draws a scene for a stereo camera under a light that can be changed."""
 
@@ -79,18 +87,9 @@ class Renderer:
         """Direction (3,) of the sun that the present shadows are for."""
         return self._lit.maps.sun
 
-    def white(self, light: Daylight) -> tuple[Array, Array]:
-        """What the bands (3,) see of a white surface in the sun, and under the sky."""
-        spectra = (
-            illuminant(light.sun_temperature, light.sun_irradiance),
-            illuminant(light.sky_temperature, light.sky_irradiance),
-        )
-        ideal = np.ones(REFLECTANCES.shape[-1])
-        return responses(ideal, spectra[0], self._bands), responses(ideal, spectra[1], self._bands)
-
     def _backdrop(self, light: Daylight) -> Array:
         """The sky's own light (3, 3): at the horizon, at the zenith, of clouds."""
-        sun, sky = self.white(light)
+        sun, sky = white_light(light, self._bands)
         low = float(np.clip(np.sin(light.elevation), 0.0, 1.0))
         horizon = 1.4 * sky + (0.05 + 0.04 * low) * sun
         return np.array([horizon, 0.8 * sky, 1.2 * sky + (0.12 + 0.25 * low) * sun])
@@ -101,6 +100,11 @@ class Renderer:
         right = T_world_left[:3, 3] + self._camera.baseline * T_world_left[:3, 0]
         rotation = np.ascontiguousarray(T_world_left[:3, :3])
         return self._light_at(rotation, T_world_left[:3, 3].copy()), self._light_at(rotation, right)
+
+    def left(self, T_world_vehicle: Array) -> Floats:
+        """The light (H, W, 3) in the left camera alone."""
+        T_world_left = T_world_vehicle @ self._camera.T_vehicle_camera
+        return self._light_at(np.ascontiguousarray(T_world_left[:3, :3]), T_world_left[:3, 3].copy())
 
     def _light_at(self, rotation: Array, centre: Array) -> Floats:
         """One image's light, for a camera of a rotation (3, 3) and an optical centre (3,) in the world."""

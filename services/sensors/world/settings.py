@@ -1,4 +1,4 @@
-"""What the synthetic world is made of: its seed, its place and time, its camera, base and noise."""
+"""What the synthetic world is made of: its seed, its place and time, its camera, lidar, base and noise."""
 
 from __future__ import annotations
 
@@ -98,6 +98,71 @@ class ImagingSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class LidarSettings:
+    """A spinning lidar, whose beams lie above each other and fire together, one column after the other.
+
+    Attributes:
+        beams: how many there are; their elevations are even from ``highest`` to ``lowest``.
+        lowest, highest: elevations of the outer beams, radians.
+        beam_table: elevations of all beams from the top to the bottom, radians; empty for even ones.
+        columns: firings a turn.
+        rate: turns a second.
+        position: of the lidar's centre in the vehicle's frame, metres.
+        rotation: of the lidar's frame (x forward, y left, z up) in the vehicle's, a rotation vector, radians.
+        divergence: angle of the cone within which a beam's spot lies, radians; textures are filtered over the spot.
+        near, far: ranges outside of which nothing is measured, metres.
+        reach: distance at which a surface of 10 % reflectance that faces the beam is found half of the time, metres.
+        threshold: photons that a return needs to be found.
+        full_scale: distance from which on a white surface that faces the beam does not saturate, metres.
+        range_noise: standard deviations of a strong return's range and of one at the threshold, metres.
+    """
+
+    beams: int = 32
+    lowest: float = -0.436
+    highest: float = 0.262
+    beam_table: tuple[float, ...] = ()
+    columns: int = 1024
+    rate: float = 10.0
+    position: tuple[float, float, float] = (0.0, 0.0, 1.2)
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    divergence: float = 0.006
+    near: float = 0.4
+    far: float = 120.0
+    reach: float = 45.0
+    threshold: float = 8.0
+    full_scale: float = 2.5
+    range_noise: tuple[float, float] = (0.008, 0.05)
+
+    def __post_init__(self) -> None:
+        """Refuses what no lidar is.
+
+        Raises:
+            ValueError: a number is not positive, or the beams or ranges are not in order.
+        """
+        for name in ("rate", "divergence", "near", "reach", "threshold", "full_scale"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` is {getattr(self, name)}; it must be positive")
+        if not self.near < self.far:
+            raise ValueError("`near` must be less than `far`")
+        if not 2 <= len(self.elevations) <= 256 or not 16 <= self.columns <= 8192:
+            raise ValueError("a lidar has 2 to 256 beams and 16 to 8192 columns")
+        if not (np.diff(self.elevations) < 0.0).all() or np.abs(self.elevations).max() > np.pi / 2.0:
+            raise ValueError("beams go from the highest elevation to the lowest, within a quarter turn of level")
+        if min(self.range_noise) < 0.0:
+            raise ValueError("`range_noise` must not be negative")
+
+    @property
+    def elevations(self) -> Array:
+        """Of the beams (H,) from the top to the bottom, radians."""
+        return np.array(self.beam_table) if self.beam_table else np.linspace(self.highest, self.lowest, self.beams)
+
+    @property
+    def T_vehicle_lidar(self) -> Array:
+        """The mounting (4, 4)."""
+        return transform(so3_exp(self.rotation), self.position)
+
+
+@dataclass(frozen=True, slots=True)
 class BaseSettings:
     """The wheeled base: limits, delays and slip.
 
@@ -152,6 +217,7 @@ class WorldSettings:
     rig: StereoCamera = field(default_factory=default_rig)
     bands: BandSettings = field(default_factory=BandSettings)
     imaging: ImagingSettings = field(default_factory=ImagingSettings)
+    lidar: LidarSettings = field(default_factory=LidarSettings)
     base: BaseSettings = field(default_factory=BaseSettings)
 
     @property

@@ -96,6 +96,30 @@ ENDMEMBERS: dict[str, Array] = {
 }
 """Reflectance (L,) by name over :data:`WAVELENGTHS`, in the shape of the USGS spectral library's plants and soils."""
 
+NEAR_INFRARED: dict[str, float] = {
+    "grass": 0.50,
+    "dry grass": 0.44,
+    "soil": 0.27,
+    "stone": 0.33,
+    "leaf": 0.48,
+    "young leaf": 0.56,
+    "withered leaf": 0.38,
+    "shade": 0.06,
+    "bark": 0.30,
+    "lichen": 0.48,
+    "brick": 0.40,
+    "mortar": 0.52,
+    "plaster": 0.72,
+    "ochre": 0.63,
+    "wood": 0.55,
+    "blue paint": 0.25,
+    "red paint": 0.66,
+    "glass": 0.05,
+    "slate": 0.12,
+    "white paint": 0.76,
+}
+"""Reflectance by name at 850 to 910 nm, where lidars measure: leaves are bright, and what is black stays so."""
+
 MATERIALS: tuple[tuple[str, tuple[str, str, str, str]], ...] = (
     ("ground", ("grass", "dry grass", "soil", "stone")),
     ("bark", ("bark", "wood", "lichen", "shade")),
@@ -111,3 +135,5 @@ MATERIALS: tuple[tuple[str, tuple[str, str, str, str]], ...] = (
 MATERIAL_INDEX: dict[str, int] = {name: i for i, (name, _) in enumerate(MATERIALS)}
 REFLECTANCES: Array = np.array([[ENDMEMBERS[e] for e in members] for _, members in MATERIALS])
 """(M, 4, L) of :data:`MATERIALS`."""
+REFLECTANCES_INFRARED: Array = np.array([[NEAR_INFRARED[e] for e in members] for _, members in MATERIALS])
+"""(M, 4) of :data:`MATERIALS` for a lidar."""

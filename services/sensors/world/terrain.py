@@ -47,15 +47,21 @@ class Terrain:
 
     def normal(self, xy: ArrayLike) -> Array:
         """Unit normals (..., 3) that point up."""
-        slope = self.slope(xy)
-        n = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
-        return np.asarray(n / np.linalg.norm(n, axis=-1, keepdims=True))
+        return _normal(self.slope(xy))
 
-    def standing(self, x: float, y: float, yaw: float) -> Array:
-        """``T_world_vehicle`` (4, 4) of a vehicle that stands at (x, y), heading ``yaw`` as seen from above."""
-        up = self.normal([x, y])
-        heading = np.array([np.cos(yaw), np.sin(yaw)])
-        forward = np.append(heading, heading @ self.slope([x, y]))
-        forward /= np.linalg.norm(forward)
+    def standing(self, x: ArrayLike, y: ArrayLike, yaw: ArrayLike) -> Array:
+        """``T_world_vehicle`` (..., 4, 4) of vehicles that stand at (x, y) and head for ``yaw`` from above, (...)."""
+        xy, angle = np.stack([x, y], axis=-1), np.asarray(yaw, dtype=np.float64)
+        slope = self.slope(xy)
+        up = _normal(slope)
+        heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        forward = np.concatenate([heading, (heading * slope).sum(axis=-1, keepdims=True)], axis=-1)
+        forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
         rotation = np.stack([forward, np.cross(up, forward), up], axis=-1)
-        return transform(rotation, [x, y, float(self.height([x, y]))])
+        return transform(rotation, np.concatenate([xy, self.height(xy)[..., None]], axis=-1))
+
+
+def _normal(slope: Array) -> Array:
+    """Unit normals (..., 3) of slopes (..., 2)."""
+    n = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
+    return np.asarray(n / np.linalg.norm(n, axis=-1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Drives of one route at many times of day, rendered frame by frame: what localization is evaluated on."""
+"""Drives of one route, rendered or scanned frame by frame, at many times of day: what localization is evaluated on."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from common.camera import StereoCamera
 from common.geometry import Array
 from services.sensors.world.imaging import Image
+from services.sensors.world.lidar import Scan
 from services.sensors.world.world import World
 
 
@@ -123,3 +124,38 @@ class Traversal:
             self._world.place(float(x), float(y), float(yaw))
             self._world.step(self._period, None)
             yield TraversalPair(int(stamp), *self._world.render())
+
+
+class ScanTraversal:
+    """A drive through a world with its lidar, whose scans are made while it is iterated over, one a frame.
+
+    The vehicle moves on during each turn, as :class:`Traversal`'s does from frame to frame. No light is needed.
+    """
+
+    def __init__(self, world: World, poses: Array, settings: DrivingSettings, seed: int) -> None:
+        """``poses`` (N, 3) ``[x, y, yaw]`` are those at the end of each turn, ``seed`` that of the lidar's noise."""
+        self._world, self._poses, self._seed = world, poses, seed
+        self._clock = np.arange(len(poses)) * (settings.spacing / settings.speed)
+        self.stamps_ns: NDArray[np.int64] = np.rint(self._clock * 1e9).astype(np.int64)
+
+    @classmethod
+    def of(cls, world: World, settings: DrivingSettings, seed: int) -> ScanTraversal:
+        """A drive along the world's demo route; the same seed gives the same drive with the same noise."""
+        return cls(world, drive(world.scene.demo_route(), settings, np.random.default_rng(seed)), settings, seed)
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    @property
+    def poses_truth(self) -> Array:
+        """True poses ``T_world_lidar`` (N, 4, 4) at the stamps, when the turns end."""
+        return np.asarray(self._world.scene.terrain.standing(*self._poses.T) @ self._world.lidar.T_vehicle_lidar)
+
+    def __iter__(self) -> Iterator[tuple[int, Scan]]:
+        """Stamps in nanoseconds and scans, in order."""
+        lidar = self._world.lidar
+        lidar.start(self._seed)
+        for stamp, end in zip(self.stamps_ns, self._clock, strict=True):
+            at = end + lidar.times
+            places = np.stack([np.interp(at, self._clock, values) for values in self._poses.T], axis=-1)
+            yield int(stamp), self._world.scan_from(places)

@@ -65,7 +65,7 @@ def finder(store):
     def ask(topic, question, _timeout):
         return wire.decode(topic.answer, wire.encode(answers[topic](question)))
 
-    finder = Finder(ask, looks_of, "yard")
+    finder = Finder(ask, looks_of, "yard", 0.5)
     finder.searcher = StereoPipeline(CAMERA, StereoSettings())
     return finder
 

@@ -10,7 +10,7 @@ import pytest
 from common.geometry import inverse
 from services.sensors.world import World
 from services.sensors.world.route import waisted_loop
-from services.sensors.world.traversal import DrivingSettings, Traversal, drive
+from services.sensors.world.traversal import DrivingSettings, ScanTraversal, Traversal, drive
 from tests.services.sensors.world.conftest import SETTINGS
 
 ROUTE = waisted_loop(72.0)
@@ -75,6 +75,26 @@ def test_the_same_seed_gives_the_same_images_and_another_time_another_light(worl
     # Each drive begins with an exposure of its own, so that evenings are no darker than mornings.
     assert np.mean(other[0]) == pytest.approx(np.mean(first[0]), rel=0.25)
     assert np.abs(np.subtract(first[0], other[0], dtype=np.int64)).mean() > 10.0
+
+
+def test_a_drive_is_scanned_from_where_it_goes(world):
+    settings = DrivingSettings(length=2.0)
+    traversal = ScanTraversal.of(world, settings, 5)
+    drives = [list(traversal) for _ in range(2)]
+    assert len(traversal) == len(drives[0]) == len(traversal.poses_truth) > 3
+    for (stamp, scan), (again, same) in zip(*drives, strict=True):
+        assert stamp == again
+        assert np.array_equal(scan.ranges, same.ranges)
+        assert np.array_equal(scan.intensities, same.intensities)
+    # The last column of a turn, straight behind, is fired from the pose that is called true at the stamp.
+    last, T = drives[0][-1][1], traversal.poses_truth[-1]
+    lidar = world.lidar
+    flat, azimuth = np.cos(lidar.elevations), lidar.azimuths[-1]
+    rays = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(lidar.elevations)], axis=-1) @ T[:3, :3].T
+    ranges, _, _ = world.cast_rays(np.broadcast_to(T[:3, 3], rays.shape), rays)
+    seen = last.ranges[:, -1] > 0.0
+    assert seen.sum() > 10
+    assert np.median(np.abs(ranges - last.ranges[:, -1])[seen]) < 0.03
 
 
 def test_the_camera_says_what_an_invariant_image_needs(world):

@@ -1,0 +1,79 @@
+"""What the estimator's loop asks of a sensor: its topic, and a pipeline for its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Protocol, TypeVar
+
+from common.geometry import Array, Uncertain
+from common.topics import Topic
+from services.estimator.pipeline import Pipeline, Step
+from services.estimator.relocalization.appearance import Appearance
+from services.estimator.route_localizer import RouteLocalizer
+from services.estimator.route_map import RouteMap
+
+
+class SensorFrame(Protocol):
+    """A message of a sensor: its stamp is the time at which a pose is told, nanoseconds."""
+
+    @property
+    def stamp(self) -> int: ...  # noqa: D102 - said above
+
+
+Frame_contra = TypeVar("Frame_contra", bound=SensorFrame, contravariant=True)
+Live = TypeVar("Live")
+Submap = TypeVar("Submap")
+
+
+class FramePipeline(Pipeline[Live, Submap], Protocol[Frame_contra, Live, Submap]):
+    """A pipeline that takes the frames of one calibration as they come from the bus."""
+
+    def take(self, frame: Frame_contra, prior: Uncertain | None) -> Step[Live]:
+        """Preprocessing and odometry; ``prior`` is the vehicle's motion since the last frame, if known.
+
+        Raises:
+            ValueError: the frame cannot be used.
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends its threads."""
+        ...
+
+
+class Sensor(Protocol[Frame_contra, Live, Submap]):
+    """One kind of sensor.
+
+    Attributes:
+        topic: of its frames.
+        name: of the one sensor whose frames are taken.
+    """
+
+    topic: Topic
+    name: str
+
+    def warm_up(self) -> None:
+        """Compiles what a frame goes through: at start it delays nobody."""
+        ...
+
+    def calibration(self, frame: Frame_contra) -> Hashable:
+        """What of a frame decides on its pipeline: one that is not equal needs another pipeline."""
+        ...
+
+    def open(self, frame: Frame_contra) -> FramePipeline[Frame_contra, Live, Submap]:
+        """A pipeline for frames like this one, with threads of its own; ValueError where they cannot be used."""
+        ...
+
+    def searcher(self, frame: Frame_contra) -> Pipeline[Live, Submap]:
+        """One beside it, without threads: a search must not wait for a frame, nor a frame for it."""
+        ...
+
+    def localizer(
+        self, route_map: RouteMap[Live, Submap], path: Array, pipeline: Pipeline[Live, Submap]
+    ) -> RouteLocalizer[Live, Submap]:
+        """What keeps the robot located on a route with poses ``path`` (N, 4, 4)."""
+        ...
+
+    def appearance(self, live: Live) -> Appearance:
+        """What a frame looks like, to be recognised among all vertices."""
+        ...
