@@ -51,6 +51,35 @@ def test_motion_within_a_turn_is_corrected():
     assert errors[0] < 0.5 * errors[1]
 
 
+def test_an_error_of_the_velocity_feeds_nothing():
+    """The stamp is at the end of a turn: a velocity told by the stamps' poses would swing to and fro for ever."""
+    rng = np.random.default_rng(1)
+    twist = np.array([1.2, 0.0, 0.0, 0.0, 0.0, 0.3])
+    poses = [np.array(geometry.exp(0.1 * i * twist)) for i in range(8)]
+    scans = [scan(T, twist=twist, seed=i, stamp=i * PERIOD, noise=0.05) for i, T in enumerate(poses)]
+    told = twist + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.2]) * rng.choice([-1, 1])
+    priors = [None, Uncertain(geometry.exp(0.1 * told), np.diag(np.repeat([0.1, 0.05], 3) ** 2)), *[None] * 6]
+    steps = np.array([geometry.log(r.T_previous_live.T) * 10 for r in drive(scans, priors=priors)[2:]])
+    assert np.abs(steps - twist)[:, :2].max() < 0.1
+    assert np.abs(steps - twist)[:, 5].max() < 0.02
+
+
+def test_the_covariance_of_a_moving_lidar_is_honest():
+    rng = np.random.default_rng(2)
+    nees = []
+    for drive_number in range(4):
+        twist = np.array([rng.uniform(0.5, 8.0), 0.0, 0.0, 0.0, 0.0, rng.uniform(-0.5, 0.5)])
+        poses = [np.array(geometry.exp(0.1 * i * twist)) for i in range(4)]
+        scans = [scan(T, twist=twist, seed=10 * drive_number + i, stamp=i * PERIOD) for i, T in enumerate(poses)]
+        result = drive(scans)[-1]
+        T = geometry.exp(0.3 * twist)
+        if result.keyframe == 0:
+            error = geometry.log(result.T_keyframe_live.T @ geometry.inverse(T))
+            nees.append(error @ np.linalg.solve(result.T_keyframe_live.covariance, error))
+    assert len(nees) >= 2
+    assert np.mean(nees) < 15.0
+
+
 def test_a_keyframe_serves_until_the_lidar_is_far():
     poses = [np.array(geometry.exp(i * STEP)) for i in range(9)]
     results = drive([scan(T, seed=i, stamp=i * PERIOD) for i, T in enumerate(poses)])
