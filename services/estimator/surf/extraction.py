@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from services.estimator.surf import descriptor
 from services.estimator.surf.descriptor import describe
-from services.estimator.surf.detector import SIGMA_PER_SIZE, detect, octaves_of, reach_of
+from services.estimator.surf.detector import detect
 from services.estimator.surf.features import SurfError, SurfFeatures
 from services.estimator.surf.integral import integral
+from services.estimator.surf.octaves import largest_scale, octaves_of, reach_of
 from services.estimator.surf.orientation import orient
 from services.estimator.surf.selection import select
 from services.estimator.surf.settings import SurfSettings
@@ -40,9 +41,10 @@ def detect_and_describe(
     if not octaves:
         return SurfFeatures.empty()
     pad = reach_of(octaves)
-    largest = SIGMA_PER_SIZE * octaves[-1].sizes[-1]
-    sums = integral(grey, max(pad, math.ceil(descriptor.REACH * largest)) if wrap else pad, pad, wrap=wrap)
-    blobs = select(detect(sums, height, width, octaves, used.hessian_threshold), grey.shape, used, allowed, wrap=wrap)
+    # A panorama goes on beyond what a descriptor sees; elsewhere repeated pixels are extrapolated.
+    pad_x = max(pad, math.ceil(descriptor.REACH * largest_scale(octaves))) if wrap else pad
+    sums = integral(grey, pad_x, pad, wrap=wrap)
+    blobs = select(detect(sums, grey.shape, octaves, used.hessian_threshold), grey.shape, used, allowed, wrap=wrap)
     angles = np.zeros(len(blobs.points)) if used.upright else orient(sums, blobs.points, blobs.scales)
     return SurfFeatures(
         blobs.points.astype(np.float32),

@@ -25,7 +25,8 @@ class SurfFeatures:
         scales: (N,) float32, standard deviation of the Gaussian that the filter stands for, pixels.
         angles: (N,) float32, radians from the x axis towards the y axis, so clockwise as seen; 0 where upright.
         laplacians: (N,) int8, the sign of the Laplacian: -1 for a bright blob, +1 for a dark one.
-        responses: (N,) float32, determinant of the Hessian normalised by the filter's area, square grey levels.
+        responses: (N,) float32, determinant of the Hessian, normalised by the filter's area and weighted by its scale,
+            square grey levels.
         descriptors: (N, 64) float32 of unit length.
     """
 

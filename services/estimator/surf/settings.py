@@ -13,7 +13,7 @@ class SurfSettings:
     """SURF.
 
     Attributes:
-        hessian_threshold: least determinant of the Hessian, square grey levels.
+        hessian_threshold: least response, square grey levels: see :class:`SurfFeatures`.
         octaves: most octaves of filter sizes; those whose filters exceed the image are left out.
         layers: filters of an octave; the first and the last only bound the scales in which maxima are found.
         max_features: most features of an image.
@@ -28,9 +28,9 @@ class SurfSettings:
 
     hessian_threshold: Annotated[float, Field(gt=0)] = 4.0
     octaves: Annotated[int, Field(ge=1, le=5)] = 4
-    layers: Annotated[int, Field(ge=3, le=8)] = 4
+    layers: Annotated[int, Field(ge=3, le=5)] = 4
     max_features: Annotated[int, Field(ge=1)] = 1000
-    cell: Annotated[int, Field(ge=1)] | None = 40
+    cell: Annotated[int, Field(ge=1)] | None = None
     margin: Annotated[float, Field(ge=0)] = 3.75
     upright: bool = False
     ratio: Annotated[float, Field(gt=0, le=1)] = 0.8
