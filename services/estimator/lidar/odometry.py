@@ -331,7 +331,8 @@ class LidarOdometry:
         if features < s.min_inliers:
             return False
         if not success:
-            return self._failures >= s.max_failures
+            # Before any motion is known nothing is lost by beginning anew, and the next scan is nearer to this one.
+            return self._failures >= s.max_failures or self._motion is None or self._motion.velocity is None
         return bool(
             inliers < s.keyframe_inliers
             or np.linalg.norm(T_keyframe_live[:3, 3]) > s.keyframe_distance

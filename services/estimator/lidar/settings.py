@@ -79,7 +79,7 @@ class MatchingSettings:
 
     gate: float = 3.5
     max_radius: float = 0.5
-    max_distance: float = 0.7
+    max_distance: float = 0.5
     ratio: float = 0.8
     ransac_iterations: int = 400
     inlier_gate: float = 3.0
@@ -112,7 +112,7 @@ class OdometrySettings:
     angular_acceleration: float = 5.0
     start_speed: float = 12.0
     start_turn_rate: float = 0.6
-    min_inliers: int = 15
+    min_inliers: int = 20
     min_inlier_ratio: float = 0.15
     keyframe_inliers: int = 40
     keyframe_distance: float = 3.0
@@ -149,7 +149,7 @@ class LocalizationSettings:
     """
 
     matching: MatchingSettings = field(default_factory=MatchingSettings)
-    min_inliers: int = 15
+    min_inliers: int = 20
     min_inlier_ratio: float = 0.15
     max_position_sigma: float = 0.15
     max_rotation_sigma: float = 0.03
@@ -157,7 +157,7 @@ class LocalizationSettings:
     search_distance: float = 1.0
     search_rotation: float = 0.3
     search_iterations: int = 2000
-    search_min_inliers: int = 20
+    search_min_inliers: int = 25
 
 
 @dataclass(frozen=True, slots=True)
