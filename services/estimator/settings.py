@@ -1,9 +1,11 @@
-"""``[estimator]``: the stereo pipeline, the localization chain and the submaps at hand."""
+"""``[estimator]``: the sensor, its pipeline, the localization chain and the submaps at hand."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
+from services.estimator.bearing.settings import BearingSettings
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
 from services.estimator.relocalization import RelocalizationSettings
@@ -17,8 +19,10 @@ class Settings:
     """How the robot estimates its motion and its place.
 
     Attributes:
-        camera: name of the stereo camera's topic.
-        stereo: the pipeline's five stages.
+        sensor: what the robot drives by: a stereo camera, a lidar, or the bearing of one uncalibrated camera.
+        camera: name of the camera's topic.
+        stereo: the stereo pipeline's five stages.
+        bearing: teach and repeat by one camera's bearing and the wheels.
         chain: the localization chain.
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.
@@ -26,8 +30,10 @@ class Settings:
         wheels: how far wheel odometry is believed.
     """
 
+    sensor: Literal["stereo", "lidar", "bearing"] = "stereo"
     camera: str = "front"
     stereo: StereoSettings = field(default_factory=StereoSettings)
+    bearing: BearingSettings = field(default_factory=BearingSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     experiences: ExperienceSettings = field(default_factory=ExperienceSettings)

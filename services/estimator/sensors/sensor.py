@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from common.geometry import Array, Uncertain
 from common.messages import Message
@@ -41,6 +41,15 @@ class FramePipeline(Pipeline[Live, Submap], Protocol[Frame_contra, Live, Submap]
         ...
 
 
+@runtime_checkable
+class TeachesActions(Protocol):
+    """A pipeline that keeps what the robot was commanded while it was taught."""
+
+    def obey(self, v: float, w: float, later: float) -> None:
+        """Takes the command (m/s, rad/s) that the base obeys ``later`` seconds after the next frame was taken."""
+        ...
+
+
 class Sensor(Protocol[Frame_contra, Live, Submap]):
     """One kind of sensor.
 
@@ -57,7 +66,7 @@ class Sensor(Protocol[Frame_contra, Live, Submap]):
         ...
 
     def calibration(self, frame: Frame_contra) -> Message | None:
-        """What of a frame decides on its pipeline: another calibration needs another one."""
+        """What of a frame decides on its pipeline: another calibration needs another one; None where nothing does."""
         ...
 
     def open(self, frame: Frame_contra) -> FramePipeline[Frame_contra, Live, Submap]:
