@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cli.errors import CommandError
-from services.sensors.recordings import StereoRecording, open_recording
+from services.sensors.recordings import LidarRecording, StereoRecording, open_lidar_recording, open_recording
 
 _SLICE = re.compile(r"^(?P<start>\d*):(?P<stop>\d*)(?::(?P<step>\d*))?$")
 
@@ -30,11 +30,23 @@ def open_frames(path: Path, frames: str | None, option: str) -> StereoRecording:
         files_left=recording.files_left[chosen],
         files_right=recording.files_right[chosen],
     )
-    if len(part) < 2:
-        raise CommandError(
-            f"{option}: '{frames}' leaves {len(part)} of the {len(recording)} frames: choose two or more"
-        )
+    _check_left(frames, len(part), len(recording), option)
     return part
+
+
+def open_lidar_frames(path: Path, frames: str | None, option: str) -> LidarRecording:
+    """As :func:`open_frames`, for a recording of a lidar."""
+    recording = open_lidar_recording(path)
+    if frames is None:
+        return recording
+    part = recording.select(parse_slice(frames, option))
+    _check_left(frames, len(part), len(recording), option)
+    return part
+
+
+def _check_left(frames: str, left: int, of: int, option: str) -> None:
+    if left < 2:
+        raise CommandError(f"{option}: '{frames}' leaves {left} of the {of} frames: choose two or more")
 
 
 def parse_slice(text: str, option: str) -> slice:

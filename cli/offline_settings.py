@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cli import robot
+from services.estimator.lidar import LidarSettings
 from services.estimator.settings import Settings
 from services.estimator.stereo import StereoSettings
 
@@ -21,3 +22,8 @@ def estimator_settings(config: Path | None) -> Settings:
 def stereo_settings(config: Path | None) -> StereoSettings:
     """The stereo pipeline's part of :func:`estimator_settings`."""
     return estimator_settings(config).stereo
+
+
+def lidar_settings(config: Path | None) -> LidarSettings:
+    """The lidar pipeline's part of :func:`estimator_settings`."""
+    return estimator_settings(config).lidar

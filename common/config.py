@@ -23,11 +23,12 @@ Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 
 
 class RobotTable(BaseModel):
-    """``[robot]``: its name, the environment that it works in, and the folder that it keeps its data in."""
+    """``[robot]``: its name, what it localizes by, the environment that it works in, and the folder of its data."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Name
+    sensor: Literal["stereo", "lidar", "bearing"] = "stereo"
     environment: Name = "default"
     directory: Path = Path("~/.local/share/retraverse")
     log_level: Literal["debug", "info", "warning", "error"] = "info"

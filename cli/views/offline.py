@@ -18,8 +18,11 @@ from services.estimator.offline import Drift, LocalizationRun, OdometryRun
 Array = NDArray[np.float64]
 
 
-def odometry_figures(run: OdometryRun, drift: Drift | None) -> dict[str, Any]:
-    """Frames a second (reading included, compilation not), times by stage, and the drift where truth is known."""
+def odometry_figures(run: OdometryRun, drift: Drift | None, truth: str = "truth") -> dict[str, Any]:
+    """Frames a second (reading included, compilation not), times by stage, and the drift where truth is known.
+
+    ``truth`` says what the drift is measured against.
+    """
     total = run.milliseconds + run.reading_milliseconds
     return {
         "frames": len(run.poses),
@@ -31,7 +34,9 @@ def odometry_figures(run: OdometryRun, drift: Drift | None) -> dict[str, Any]:
         "drift": None
         if drift is None
         else {
+            "against": truth,
             "end_point_percent": round(100 * drift.end_point, 3),
+            "end_rotation_deg": round(float(np.degrees(drift.rotation)), 4),
             "length_m": round(drift.length, 3),
             "median_frame_error_m": round(drift.frame_error, 5),
         },

@@ -28,6 +28,8 @@ class Step(Generic[Live]):
         T_last_live: the vehicle's motion since the frame before, with covariance.
         keyframe: number of the odometry's keyframe that this frame was measured against.
         T_keyframe_live: the vehicle's motion since then, with covariance.
+        T_previous_keyframe: the vehicle's motion from the keyframe before to that one, where it is known better by now
+            than from the frames between.
         twist: (6,) m/s and rad/s in the vehicle frame.
         success: whether the motion was measured; if not it is only predicted.
         inliers: measurements that agree on it.
@@ -46,6 +48,7 @@ class Step(Generic[Live]):
     reason: str
     live: Live
     milliseconds: dict[str, float] = field(default_factory=dict)
+    T_previous_keyframe: Uncertain | None = None
 
 
 @dataclass(frozen=True, slots=True)

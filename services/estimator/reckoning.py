@@ -2,6 +2,7 @@
 
 Odometry measures every frame against a keyframe. The errors of frames that share a keyframe have much in common, so
 their steps must not be added up as if each were new: the covariance grows with the keyframes between, not the frames.
+What bundle adjustment says later of the motion up to the present keyframe takes the place of what was measured then.
 """
 
 from __future__ import annotations
@@ -27,21 +28,29 @@ class DeadReckoning:
         self._T_reference_start = Uncertain.identity()
         self._T_keyframe_start = Uncertain.identity()
         self._moved = False
+        self._before: tuple[Uncertain, Uncertain] | None = None
 
     def start(self, T_reference_live: Uncertain | None = None) -> None:
         """Makes the live frame the reference, or another frame in which the live one is known."""
         self._T_reference_start = T_reference_live or Uncertain.identity()
         self._T_keyframe_start = self._T_keyframe_live
         self._moved = False
+        self._before = None
 
     def move(self, step: Step[Any]) -> None:
         """Takes the live frame on by a frame's odometry; the first frame ever is the one that :meth:`start` meant."""
         if self._keyframe is None:
             self._T_keyframe_start = step.T_keyframe_live
         elif step.keyframe != self._keyframe:
+            follows = self._moved and step.keyframe == self._keyframe + 1
+            self._before = (self._T_reference_start, self._T_keyframe_start) if follows else None
             # The new keyframe is the frame before this one.
             self._T_reference_start = self.T_reference_live
             self._T_keyframe_start = Uncertain.identity()
+        if step.T_previous_keyframe is not None and self._before is not None:
+            T_reference_start, T_keyframe_start = self._before
+            self._T_reference_start = T_reference_start @ _between(T_keyframe_start, step.T_previous_keyframe)
+            self._before = None
         self._moved = self._keyframe is not None
         self._keyframe = step.keyframe
         self._T_keyframe_live = step.T_keyframe_live

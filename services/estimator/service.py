@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Generic, TypeVar
+from collections.abc import Hashable
+from typing import Generic, TypeVar
 
 import numpy as np
 import structlog
@@ -42,7 +43,7 @@ Submap = TypeVar("Submap")
 def main(service: Service) -> None:
     """Estimates until the service stops."""
     settings = service.config.settings("estimator", Settings)
-    Estimator(service, settings, sensor_of(settings)).run()
+    Estimator(service, settings, sensor_of(service.config.robot.sensor, settings)).run()
 
 
 class Estimator(Generic[Frame, Live, Submap]):
@@ -71,7 +72,7 @@ class Estimator(Generic[Frame, Live, Submap]):
             settings.relocalization,
         )
         self._wheel_motion = WheelMotion(settings.wheels)
-        self._calibration: m.Message | None = None
+        self._calibration: Hashable = None
         self._pipeline: FramePipeline[Frame, Live, Submap] | None = None
         self._recorder: ExperienceRecorder[Live, Submap] | None = None
         self._localizer: RouteLocalizer[Live, Submap] | None = None
@@ -137,7 +138,7 @@ class Estimator(Generic[Frame, Live, Submap]):
     def _pipeline_of(self, frame: Frame) -> FramePipeline[Frame, Live, Submap]:
         """The pipeline of a frame's calibration; another calibration starts another one."""
         calibration = self._sensor.calibration(frame)
-        if self._pipeline is None or not _same(calibration, self._calibration):
+        if self._pipeline is None or calibration != self._calibration:
             if self._pipeline is not None:
                 self._pipeline.close()
             self._pipeline = self._sensor.open(frame)
@@ -328,14 +329,3 @@ class Estimator(Generic[Frame, Live, Submap]):
         if self._pipeline is None:
             raise ValueError(f"no frame has come yet on {self._sensor.topic.at('<robot>', self._sensor.name)}")
         return self._pipeline.read(record)
-
-
-def _same(calibration: m.Message | None, other: m.Message | None) -> bool:
-    """Whether two calibrations are equal; arrays have no single equality."""
-    if calibration is None or other is None:
-        return calibration is other
-    return all(_equal(getattr(calibration, name), getattr(other, name)) for name in type(calibration).model_fields)
-
-
-def _equal(a: Any, b: Any) -> bool:  # noqa: ANN401, a number or an array
-    return bool((a == b).all()) if hasattr(a, "all") else bool(a == b)

@@ -1,13 +1,13 @@
-"""``[estimator]``: the sensor, its pipeline, the localization chain and the submaps at hand."""
+"""``[estimator]``: the sensors' pipelines, the localization chain and the submaps at hand."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from services.estimator.bearing.settings import BearingSettings
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
+from services.estimator.lidar.settings import LidarSettings
 from services.estimator.relocalization import RelocalizationSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
@@ -19,9 +19,10 @@ class Settings:
     """How the robot estimates its motion and its place.
 
     Attributes:
-        sensor: what the robot drives by: a stereo camera, a lidar, or the bearing of one uncalibrated camera.
         camera: name of the camera's topic.
-        stereo: the stereo pipeline's five stages.
+        scanner: name of the lidar's topic.
+        stereo: the five stages of a stereo camera.
+        lidar: the five stages of a spinning lidar.
         bearing: teach and repeat by one camera's bearing and the wheels.
         chain: the localization chain.
         window: submaps that are fetched and searched.
@@ -30,9 +31,10 @@ class Settings:
         wheels: how far wheel odometry is believed.
     """
 
-    sensor: Literal["stereo", "lidar", "bearing"] = "stereo"
     camera: str = "front"
+    scanner: str = "top"
     stereo: StereoSettings = field(default_factory=StereoSettings)
+    lidar: LidarSettings = field(default_factory=LidarSettings)
     bearing: BearingSettings = field(default_factory=BearingSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)

@@ -68,6 +68,7 @@ class Navigator:
         self._settings = service.config.settings("navigator", Settings)
         self._questions = Questions(service.bus, self._settings, service.stop)
         self._environment = service.config.robot.environment
+        self._sensor = service.config.robot.sensor
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._path = service.config.directory / "run" / "position.json"
@@ -126,7 +127,7 @@ class Navigator:
             environment=environment,
             stamp=stamp,
             robot=robot,
-            sensor=self._settings.sensor,
+            sensor=self._sensor,
             generation=0 if repeated is None else repeated.generation + 1,
             parent=None if repeated is None else repeated.id,
         )

@@ -1,4 +1,4 @@
-"""``[navigator]``: how long the navigator waits, and what it calls the sensor that maps are made with."""
+"""``[navigator]``: how long the navigator waits, and what it records."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
-
-from common.messages import Name
 
 Seconds = Annotated[float, Field(gt=0)]
 
@@ -17,7 +15,6 @@ class Settings:
     """All times in seconds.
 
     Attributes:
-        sensor: the sensor named in the record of every map that is taught.
         plan_s: deadline of the planner's answer; a repeat without one ends in Idle.
         localize_s: a robot that is not localized within this time ends in Idle.
         paused_s: a pause longer than this ends in Idle; infinite by default, as a pause waits for a person.
@@ -31,7 +28,6 @@ class Settings:
         store_s: deadline of the store's other answers.
     """
 
-    sensor: Name = "stereo"
     plan_s: Seconds = 2.0
     localize_s: Seconds = 30.0
     paused_s: Seconds = float("inf")

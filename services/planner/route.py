@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from common.errors import GraphError
@@ -36,7 +36,7 @@ class Plan:
     reason: str
 
 
-def plan(graph: PoseGraph, start: VertexId, goal: str) -> Plan:
+def plan(graph: PoseGraph, start: VertexId, goal: str, sensor: str) -> Plan:
     """The route of fewest metres over taught vertices, along temporal and spatial edges in either direction.
 
     Maps recorded in a repeat are no part of it: they help to localize on the path that was taught.
@@ -45,23 +45,28 @@ def plan(graph: PoseGraph, start: VertexId, goal: str) -> Plan:
         graph: the pose graph of the robot's environment.
         start: the vertex that the robot stands at.
         goal: a vertex (``map:index``), a map (its last vertex), or a named place.
+        sensor: what the robot localizes by: maps that were taught by another are of no use to it.
 
     Raises:
-        GraphError: nothing is taught, start or goal is unknown or was not taught, the robot is at the goal, or
-            nothing connects the two.
+        GraphError: nothing is taught, start or goal is unknown or was not taught or by another sensor, the robot is
+            at the goal, or nothing connects the two.
     """
     if not any(experience.privileged and experience.vertices for experience in graph.experiences.values()):
         raise GraphError(f"environment '{graph.environment}' has no maps: teach a route first")
-    _require_taught(graph, start, "the start")
+    _require_taught(graph, start, "the start", sensor)
     end = resolve(graph, goal)
-    _require_taught(graph, end, f"the goal '{goal}'")
+    _require_taught(graph, end, f"the goal '{goal}'", sensor)
     if start == end:
         raise GraphError(f"the robot is at '{goal}' already ({end})")
+
+    def allowed(vertex: VertexId) -> bool:
+        return graph.privileged(vertex) and graph.experience(vertex.map_id).record.sensor == sensor
+
     try:
-        vertices = graph.shortest_path(start, end, graph.privileged)
+        vertices = graph.shortest_path(start, end, allowed)
     except GraphError:
         raise GraphError(
-            f"no taught route leads from {start} to '{goal}' ({end}): {_reachable(graph, start)}"
+            f"no taught route leads from {start} to '{goal}' ({end}): {_reachable(graph, start, allowed)}"
         ) from None
     length = graph.length_along(vertices)
     maps = list(dict.fromkeys(vertex.map_id for vertex in vertices))
@@ -92,7 +97,7 @@ def resolve(graph: PoseGraph, goal: str) -> VertexId:
     return vertex
 
 
-def _require_taught(graph: PoseGraph, vertex: VertexId, role: str) -> None:
+def _require_taught(graph: PoseGraph, vertex: VertexId, role: str, sensor: str) -> None:
     if vertex not in graph:
         known = vertex.map_id in graph.experiences
         hint = _extent(graph, vertex.map_id) if known else f"environment '{graph.environment}' has no such map"
@@ -102,6 +107,9 @@ def _require_taught(graph: PoseGraph, vertex: VertexId, role: str) -> None:
         raise GraphError(
             f"{role} {vertex} was recorded in a repeat (generation {record.generation}): name a taught one"
         )
+    taught_by = graph.experience(vertex.map_id).record.sensor
+    if taught_by != sensor:
+        raise GraphError(f"{role} {vertex} was taught by {taught_by}, and this robot localizes by {sensor}")
 
 
 def _extent(graph: PoseGraph, map_id: str) -> str:
@@ -120,9 +128,9 @@ def _suggestion(graph: PoseGraph, word: str) -> str:
     return "; no place has a name yet: name a vertex as map:index, or a map for its end"
 
 
-def _reachable(graph: PoseGraph, start: VertexId) -> str:
+def _reachable(graph: PoseGraph, start: VertexId, allowed: Callable[[VertexId], bool]) -> str:
     """Which places a robot can drive to, for somebody who named one that it cannot."""
-    within = graph.reachable(start, graph.privileged)
+    within = graph.reachable(start, allowed)
     places = sorted(name for name, vertex in graph.places.items() if vertex in within and vertex != start)
     return f"from there it can reach {_listed(places)}" if places else "from there it can reach no named place"
 

@@ -55,16 +55,16 @@ def main(service: Service) -> None:
     def answer(request: PlanRequest) -> Route:
         with service.stage("plan"):
             graph, remark = graphs.get(request.environment)
-            return _route(request, graph, remark)
+            return _route(request, graph, service.config.robot.sensor, remark)
 
     service.bus.serve(topics.PLAN, answer)
     service.ready()
     service.stop.wait()
 
 
-def _route(request: PlanRequest, graph: PoseGraph, remark: str) -> Route:
+def _route(request: PlanRequest, graph: PoseGraph, sensor: str, remark: str) -> Route:
     try:
-        found = plan(graph, request.start, request.goal)
+        found = plan(graph, request.start, request.goal, sensor)
     except GraphError as error:
         raise GraphError(f"{error}{remark}") from None
     log.info("planned", start=str(request.start), goal=request.goal, length=round(found.length, 2), reason=found.reason)

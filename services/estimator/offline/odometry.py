@@ -1,33 +1,55 @@
-"""Odometry over a whole recording, in one process and without a bus."""
+"""Odometry over a whole recording of any sensor, in one process and without a bus."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common import geometry
-from services.estimator.offline.recording import OnFrame, Recording
-from services.estimator.stereo import OdometryResult, StereoOdometry, StereoSettings, warm_up
+from common.errors import RetraverseError
+from common.lidar import LidarScan
+from services.estimator.lidar import LidarOdometry, LidarSettings, ScanError
+from services.estimator.lidar import OdometryResult as LidarResult
+from services.estimator.lidar import warm_up as warm_up_lidar
+from services.estimator.offline.recording import LidarRecording, OnFrame, Recording
+from services.estimator.stereo import StereoOdometry, StereoSettings, warm_up
 from services.estimator.stereo.window import WindowAdjuster
 
 Array = NDArray[np.float64]
+Frame = TypeVar("Frame")
+
+
+class Result(Protocol):
+    """What any sensor's odometry says about a frame."""
+
+    @property
+    def T_odom_live(self) -> Array: ...  # noqa: D102 - see the sensor's own
+    @property
+    def success(self) -> bool: ...  # noqa: D102
+    @property
+    def reason(self) -> str: ...  # noqa: D102
+    @property
+    def inliers(self) -> int: ...  # noqa: D102
+    @property
+    def milliseconds(self) -> dict[str, float]: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryRun:
-    """Odometry over a recording of N pairs.
+    """Odometry over a recording of N frames.
 
     Attributes:
-        poses: (N, 4, 4) ``T_first_left``: the left camera in the frame of the first pair.
+        poses: (N, 4, 4) ``T_first_live``: the left camera, or the lidar, in the frame of the first one.
         success: (N,) bool, whether each motion was measured.
         reasons: N sentences, empty where it was.
         inliers: (N,) landmarks that agreed.
-        milliseconds: (N,) spent on each pair, without reading it.
-        reading_milliseconds: (N,) spent on reading and decoding each pair.
+        milliseconds: (N,) spent on each frame, without reading it.
+        reading_milliseconds: (N,) spent on reading and decoding each frame.
         stages: milliseconds (N,) by stage.
     """
 
@@ -46,11 +68,13 @@ class Drift:
 
     Attributes:
         end_point: distance between the two ends, as a part of the true path's length.
+        rotation: angle between the two ends, radians.
         length: of the true path, metres.
         frame_error: median distance between estimated and true motion from pair to pair, metres.
     """
 
     end_point: float
+    rotation: float
     length: float
     frame_error: float
 
@@ -60,10 +84,14 @@ def measure_drift(poses: Array, truth: Array) -> Drift:
     estimated, true = geometry.inverse(poses[0]) @ poses, geometry.inverse(truth[0]) @ truth
     length = float(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum())
     end = float(np.linalg.norm(estimated[-1, :3, 3] - true[-1, :3, 3]))
+    rotation = float(geometry.rotation_angle(geometry.inverse(true[-1]) @ estimated[-1]))
     motions = (geometry.inverse(poses[:-1]) @ poses[1:] for poses in (true, estimated))
     error = geometry.inverse(next(motions)) @ next(motions)
     return Drift(
-        end / length if length > 0.0 else np.inf, length, float(np.median(np.linalg.norm(error[:, :3, 3], axis=1)))
+        end_point=end / length if length > 0.0 else np.inf,
+        rotation=rotation,
+        length=length,
+        frame_error=float(np.median(np.linalg.norm(error[:, :3, 3], axis=1))),
     )
 
 
@@ -75,15 +103,47 @@ def run_odometry(
     What the recording raises when a pair cannot be read is passed on.
     """
     warm_up(recording.camera, settings)
-    results: list[tuple[Array, bool, str, int, dict[str, float]]] = []
+    s = settings or StereoSettings()
+    adjuster = WindowAdjuster(recording.camera, s, synchronous=True) if s.bundle.enabled else None
+    odometry = StereoOdometry(recording.camera, s, adjuster)
+    return collect(recording, lambda _, pair: odometry.process(pair.left, pair.right, pair.stamp_ns), on_frame)
+
+
+def run_lidar_odometry(
+    recording: LidarRecording, settings: LidarSettings | None = None, on_frame: OnFrame | None = None
+) -> OdometryRun:
+    """Odometry over a recording of a lidar; ``on_frame`` is called after every scan, to show progress.
+
+    Raises:
+        RetraverseError: a scan is not sound; the sentence says which and why.
+    """
+    warm_up_lidar(settings)
+    odometry = LidarOdometry(settings)
+
+    def step(index: int, scan: LidarScan) -> LidarResult:
+        try:
+            return odometry.process(scan)
+        except ScanError as error:
+            raise RetraverseError(f"scan {index} of {recording.name} cannot be used: {error}") from error
+
+    return collect(recording, step, on_frame)
+
+
+def collect(frames: Iterable[Frame], process: Callable[[int, Frame], Result], on_frame: OnFrame | None) -> OdometryRun:
+    """What ``process`` makes of the frames, of which each is let go: a long recording does not fit in memory."""
+    kept: list[tuple[Array, bool, str, int, dict[str, float]]] = []
     spent: list[tuple[float, float]] = []
-    for result, reading, processing in _odometry(recording, settings):
-        # The frame itself is let go: a long recording's images do not fit in memory.
-        results.append((result.T_odom_live, result.success, result.reason, result.inliers, result.milliseconds))
-        spent.append((reading, processing))
+    begin = perf_counter()
+    for index, frame in enumerate(frames):
+        read = perf_counter()
+        result = process(index, frame)
+        end = perf_counter()
+        kept.append((result.T_odom_live, result.success, result.reason, result.inliers, result.milliseconds))
+        spent.append((1e3 * (read - begin), 1e3 * (end - read)))
         if on_frame is not None:
             on_frame()
-    poses, success, reasons, inliers, stages = zip(*results, strict=True) if results else ((),) * 5
+        begin = perf_counter()
+    poses, success, reasons, inliers, stages = zip(*kept, strict=True) if kept else ((),) * 5
     times = np.array(spent, dtype=np.float64).reshape(-1, 2)
     return OdometryRun(
         poses=np.array(poses).reshape(-1, 4, 4),
@@ -94,17 +154,3 @@ def run_odometry(
         reading_milliseconds=times[:, 0],
         stages={name: np.array([s[name] for s in stages]) for name in (stages[0] if stages else {})},
     )
-
-
-def _odometry(recording: Recording, settings: StereoSettings | None) -> Iterator[tuple[OdometryResult, float, float]]:
-    """Results with the milliseconds of reading and of processing each pair."""
-    s = settings or StereoSettings()
-    adjuster = WindowAdjuster(recording.camera, s, synchronous=True) if s.bundle.enabled else None
-    odometry = StereoOdometry(recording.camera, s, adjuster)
-    begin = perf_counter()
-    for pair in recording:
-        read = perf_counter()
-        result = odometry.process(pair.left, pair.right, pair.stamp_ns)
-        end = perf_counter()
-        yield result, 1e3 * (read - begin), 1e3 * (end - read)
-        begin = perf_counter()

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.camera import StereoCamera
+from common.lidar import LidarScan
 
 OnFrame = Callable[[], None]
-"""Called after every pair, to show progress."""
+"""Called after every frame, to show progress."""
 
 
 class Pair(Protocol):
@@ -34,4 +35,14 @@ class Recording(Protocol):
     def poses_truth(self) -> NDArray[np.float64] | None: ...  # noqa: D102
     def __iter__(self) -> Iterator[Any]:
         """The pairs, each a :class:`Pair`."""
+        ...
+
+
+class LidarRecording(Protocol):
+    """A drive with a lidar: its scans in order."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102 - said above
+    def __iter__(self) -> Iterator[LidarScan]:
+        """The scans."""
         ...

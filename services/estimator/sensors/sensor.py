@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Protocol, TypeVar, runtime_checkable
 
 from common.geometry import Array, Uncertain
-from common.messages import Message
 from common.topics import Topic
 from services.estimator.pipeline import Pipeline, Step
 from services.estimator.relocalization.appearance import Appearance
@@ -65,8 +65,8 @@ class Sensor(Protocol[Frame_contra, Live, Submap]):
         """Compiles what a frame goes through: at start it delays nobody."""
         ...
 
-    def calibration(self, frame: Frame_contra) -> Message | None:
-        """What of a frame decides on its pipeline: another calibration needs another one; None where nothing does."""
+    def calibration(self, frame: Frame_contra) -> Hashable:
+        """What of a frame decides on its pipeline: one that is not equal needs another pipeline."""
         ...
 
     def open(self, frame: Frame_contra) -> FramePipeline[Frame_contra, Live, Submap]:

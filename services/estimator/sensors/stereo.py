@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
+import numpy as np
 import structlog
 
 from common import topics
@@ -45,9 +48,10 @@ class StereoSensor:
         """Compiles the pipeline's loops."""
         warm_up(_ANY_CAMERA, self._settings.stereo)
 
-    def calibration(self, frame: StereoFrame) -> CameraModel:
-        """The camera's."""
-        return frame.camera
+    def calibration(self, frame: StereoFrame) -> tuple[Hashable, ...]:
+        """All that is known of the camera; arrays by their bytes, as they have no single equality."""
+        values = (getattr(frame.camera, name) for name in CameraModel.model_fields)
+        return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
 
     def open(self, frame: StereoFrame) -> StereoFrames:
         """A pipeline with the invariant stream in a thread of its own."""

@@ -5,18 +5,13 @@ Nothing here knows what an image stands for: the same pipeline runs on plain ima
 """
 
 from services.estimator.stereo.features import FeatureError, FeatureSet, StereoFrame
-from services.estimator.stereo.localization import (
-    LocalizationResult,
-    StereoLocalizer,
-    in_camera_frames,
-    in_vehicle_frames,
-)
+from services.estimator.stereo.localization import LocalizationResult, StereoLocalizer
 from services.estimator.stereo.mapping import join, local_map, move
 from services.estimator.stereo.odometry import OdometryResult, StereoOdometry
 from services.estimator.stereo.preprocessing import ImageError, preprocess
 from services.estimator.stereo.settings import StereoSettings
-from services.estimator.stereo.vertex_creation import should_create
 from services.estimator.stereo.warm_up import warm_up
+from services.estimator.vertex_creation import should_create
 
 __all__ = [
     "FeatureError",
@@ -28,8 +23,6 @@ __all__ = [
     "StereoLocalizer",
     "StereoOdometry",
     "StereoSettings",
-    "in_camera_frames",
-    "in_vehicle_frames",
     "join",
     "local_map",
     "move",

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from common import geometry
 from common.compiled import kernel
 from common.geometry import Uncertain
-from services.estimator.stereo import model, normal_equations
-from services.estimator.stereo.covariance import sandwich, weight_moments
+from services.estimator.solving import normal_equations, small
+from services.estimator.solving.covariance import sandwich, weight_moments
+from services.estimator.stereo import model
 from services.estimator.stereo.settings import BundleSettings
 from services.estimator.stereo.solver import CHI2_3_MEDIAN, SCALE_RANGE
 
@@ -193,7 +194,7 @@ def _errors(T_keyframes_first: Array, c: Array, uvd: Array, given: _Given, error
     for i in range(uvd.shape[0]):
         r[:] = stored[i] - uvd[i]
         r[2] -= c[0] + c[1] * _curve(stored[i, 0], k)
-        share = model.quadratic3(r, informations[i]) / max(starts[i + 1] - starts[i], 1)
+        share = small.quadratic3(r, informations[i]) / max(starts[i + 1] - starts[i], 1)
         for o in range(starts[i], starts[i + 1]):
             T = _relative(T_keyframes_first, keyframes[o], anchors[i])
             if model.predict(uvd[i], T, k, predicted) <= 0.0:
@@ -202,7 +203,7 @@ def _errors(T_keyframes_first: Array, c: Array, uvd: Array, given: _Given, error
                 continue
             r[:] = measured[o] - predicted
             r[2] -= c[0] + c[1] * _curve(measured[o, 0], k)
-            errors2[o] = share + model.quadratic3(r, noise_informations[o])
+            errors2[o] = share + small.quadratic3(r, noise_informations[o])
             cost += robust2 * errors2[o] / (robust2 + errors2[o])
     return cost
 
@@ -251,7 +252,7 @@ def _linearize(T_keyframes_first: Array, c: Array, uvd: Array, given: _Given, da
         by_landmark[i] += anchored.T @ weighted
         for a in range(3):
             block[a, a] *= 1.0 + damping
-        if not model.invert3(block, inverses[i]):
+        if not small.invert3(block, inverses[i]):
             inverses[i] = 0.0
             continue
         carried = by_landmark[i] @ inverses[i]

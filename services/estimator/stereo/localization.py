@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Uncertain
+from services.estimator.mounting import in_vehicle_frames
 from services.estimator.stereo import matching, model, solver
 from services.estimator.stereo.features import FeatureSet, StereoFrame
 from services.estimator.stereo.rectification import Rectification
@@ -45,17 +45,6 @@ class LocalizationResult:
     rms: float
     mahalanobis2: float
     inlier_landmarks: NDArray[np.int64]
-
-
-def in_vehicle_frames(T_map_live: Uncertain, T_vehicle_camera: Array) -> Uncertain:
-    """A motion of the camera as the motion of the vehicle that carries it, covariance included."""
-    mounting = Uncertain.exactly(T_vehicle_camera)
-    return mounting @ T_map_live @ mounting.inverse()
-
-
-def in_camera_frames(T_map_live_vehicle: Uncertain, T_vehicle_camera: Array) -> Uncertain:
-    """Inverse of :func:`in_vehicle_frames`."""
-    return in_vehicle_frames(T_map_live_vehicle, geometry.inverse(T_vehicle_camera))
 
 
 class StereoLocalizer:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from common.camera import StereoCamera
 from common.compiled import kernel
 from common.geometry import Uncertain
+from services.estimator.solving import small
 from services.estimator.stereo import model, refinement
 from services.estimator.stereo.brief import as_words, hamming
 from services.estimator.stereo.features import FeatureSet, StereoFrame
@@ -70,8 +71,8 @@ def _predict_all(
         ratios[i] = model.predict(uvd[i], T, k, predicted[i])
         if ratios[i] > 0.0:
             model.derivatives(uvd[i], T, k, by_pose, by_landmark)
-            model.innovation_covariance(by_landmark, landmark_covariances[i], noise, covariances[i])
-            model.add_quadratic(by_pose, pose_covariance, covariances[i])
+            small.innovation_covariance(by_landmark, landmark_covariances[i], noise, covariances[i])
+            small.add_quadratic(by_pose, pose_covariance, covariances[i])
             for a in range(2):
                 warps[i, a, 0] = by_landmark[a, 0]
                 warps[i, a, 1] = by_landmark[a, 1] + by_landmark[a, 2] * slants[i]
@@ -104,7 +105,7 @@ def _best_in_region(
         if abs(error[0]) > reach_u:
             continue
         error[1], error[2] = live_uvd[j, 1] - centre[1], live_uvd[j, 2] - centre[2]
-        if model.quadratic3(error, information) > gate * gate:
+        if small.quadratic3(error, information) > gate * gate:
             continue
         distance = hamming(words, live_words[j])
         if distance < best:
@@ -133,7 +134,7 @@ def _search(
     owner, owner_distance = np.full(live_uvd.shape[0], -1, np.int64), np.full(live_uvd.shape[0], 257, np.int64)
     information = np.zeros((3, 3))
     for i in range(n):
-        if ratios[i] <= 0.0 or not model.invert3(covariances[i], information):
+        if ratios[i] <= 0.0 or not small.invert3(covariances[i], information):
             continue
         chosen, best, second = _best_in_region(
             predicted[i], covariances[i], information, words[i], live_uvd, live_words, row_starts, gate, max_radius

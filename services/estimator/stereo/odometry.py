@@ -15,19 +15,15 @@ from numpy.typing import NDArray
 from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Uncertain
+from services.estimator import motion_model
 from services.estimator.stereo import matching, model, solver
 from services.estimator.stereo.features import StereoFrame
 from services.estimator.stereo.preprocessing import preprocess
 from services.estimator.stereo.rectification import Rectification, triangulate
-from services.estimator.stereo.settings import OdometrySettings, StereoSettings
+from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.window import Links, WindowAdjuster, WindowKeyframe
 
 Array = NDArray[np.float64]
-
-
-_REUSED = 4.0
-"""How many times the variance of the last pair's pose counts in the prior of the next: a pair can then never claim more
-than a third beside what its own images tell, however many were measured against one keyframe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +40,8 @@ class OdometryResult:
         keyframe: running number of that keyframe, 0 for the first; a pair with ``is_keyframe`` is the next one, or the
             first. Motions since different keyframes have independent errors but for those of the calibration; motions
             since the same one share the errors of its landmarks, so that covariances add up per keyframe only.
+        T_previous_keyframe: motion from the keyframe before to that one, as bundle adjustment knows it by now; None
+            while it has nothing to say of it.
         is_keyframe: whether later pairs are matched against this one.
         matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
         rms: root mean square error of the inliers in the left image, pixels.
@@ -64,6 +62,7 @@ class OdometryResult:
     rms: float
     frame: StereoFrame
     milliseconds: dict[str, float] = field(default_factory=dict)
+    T_previous_keyframe: Uncertain | None = None
 
 
 @dataclass(slots=True)
@@ -97,6 +96,7 @@ class StereoOdometry:
         self._first_sigma = np.inf
         self._failures = 0
         self._number = 0
+        self._adjusted: Uncertain | None = None
 
     @property
     def rectification(self) -> Rectification:
@@ -106,7 +106,7 @@ class StereoOdometry:
     def reset(self) -> None:
         """Forget keyframe, motion and pose: the next pair is the first."""
         self._keyframe, self._motion, self._failures, self._first_sigma = None, None, 0, np.inf
-        self._T_odom_keyframe = np.eye(4)
+        self._T_odom_keyframe, self._adjusted = np.eye(4), None
         # A gap, so that no adjustment of before is taken for one of what follows.
         self._number += 2
 
@@ -135,11 +135,11 @@ class StereoOdometry:
         self._take_adjustment()
         keyframe, motion = self._keyframe, self._motion
         seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
-        step = prior or _constant_velocity(motion, seconds, self.settings.odometry)
+        step = prior or motion_model.constant_velocity(motion.velocity, seconds, self.settings.odometry)
         T_keyframe_live = motion.T_keyframe_last @ step
         solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, step, times)
         if solution is None:
-            wide = Uncertain(np.eye(4), _start_covariance(seconds, self.settings.odometry))
+            wide = Uncertain(np.eye(4), motion_model.start_covariance(seconds, self.settings.odometry))
             solution, found = self._measure(keyframe, frame, motion.T_keyframe_last, wide, times)
         return self._conclude(frame, motion, seconds, T_keyframe_live, solution, found, times)
 
@@ -158,7 +158,7 @@ class StereoOdometry:
         found = matching.match(landmarks, frame, prior, self.camera, s.matching, self.settings.noise)
         middle = perf_counter()
         # The last pair was measured against the same landmarks, whose errors are no new evidence at the next one.
-        weak = Uncertain(T_keyframe_last.T, _REUSED * T_keyframe_last.covariance) @ step
+        weak = Uncertain(T_keyframe_last.T, motion_model.REUSED * T_keyframe_last.covariance) @ step
         chosen = landmarks.landmarks[found.landmarks], landmarks.covariances[found.landmarks]
         solution = solver.solve(
             model.as_uvd(*chosen, self._intrinsics),
@@ -218,10 +218,10 @@ class StereoOdometry:
         T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
         T_previous_live = Uncertain(
             geometry.inverse(motion.T_keyframe_last.T) @ T_keyframe_live.T,
-            _moved(T_keyframe_live.covariance, geometry.inverse(motion.T_keyframe_last.T)),
+            motion_model.moved(T_keyframe_live.covariance, geometry.inverse(motion.T_keyframe_last.T)),
         )
         self._failures = 0 if success else self._failures + 1
-        velocity = _velocity(T_previous_live, seconds) if success else motion.velocity
+        velocity = motion_model.velocity(T_previous_live, seconds) if success else motion.velocity
         reason = "" if success else self._why_not(frame, matches)
         T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
         if success and not np.isfinite(self._first_sigma):
@@ -241,6 +241,7 @@ class StereoOdometry:
             rms=solution.rms if solution else 0.0,
             frame=frame,
             milliseconds=times,
+            T_previous_keyframe=self._adjusted,
         )
         last = T_keyframe_live
         if is_keyframe:
@@ -253,6 +254,7 @@ class StereoOdometry:
             self._keyframe, self._T_odom_keyframe = self._corrected(frame), geometry.normalize(T_odom_live)
             self._failures, self._first_sigma, last = 0, np.inf, Uncertain.identity()
             self._number += 1
+            self._adjusted = None
             self._hand_over(frame, T_keyframe_live.T, _links(previous, found, solution))
         self._motion = _Motion(frame.stamp_ns, last, velocity if self._failures < s.max_failures else None)
         return result
@@ -269,6 +271,7 @@ class StereoOdometry:
         if adjustment is None or adjustment.keyframe != self._number or self._keyframe is None:
             return
         self._T_odom_keyframe = adjustment.T_odom_keyframe
+        self._adjusted = adjustment.T_previous_keyframe
         if self.settings.bundle.refine_landmarks:
             self._keyframe = replace(self._keyframe, features=adjustment.features)
             self._rectification = adjustment.rectification
@@ -325,29 +328,3 @@ def _links(previous: StereoFrame | None, found: matching.Matches | None, solutio
 def _position_sigma(T: Uncertain) -> float:
     """Largest standard deviation of the position, metres."""
     return float(np.sqrt(np.linalg.eigvalsh(T.covariance[:3, :3])[-1]))
-
-
-def _moved(covariance: Array, T: Array) -> Array:
-    """A left perturbation's covariance (6, 6) seen from the frame that ``T`` takes it to."""
-    Ad = geometry.adjoint(T)
-    return np.asarray(Ad @ covariance @ Ad.T)
-
-
-def _velocity(T_previous_live: Uncertain, seconds: float) -> Uncertain:
-    """Twist per second with covariance, as a transform."""
-    twist = geometry.log(T_previous_live.T) / seconds
-    return Uncertain(geometry.exp(twist), T_previous_live.covariance / seconds**2)
-
-
-def _constant_velocity(motion: _Motion, seconds: float, settings: OdometrySettings) -> Uncertain:
-    """``T_previous_live`` of a camera that moves on as it did, or, before any motion, stands with a wide covariance."""
-    if motion.velocity is None:
-        return Uncertain(np.eye(4), _start_covariance(seconds, settings))
-    change = np.repeat([settings.acceleration, settings.angular_acceleration], 3) * seconds**2
-    covariance = motion.velocity.covariance * seconds**2 + np.diag(change**2)
-    return Uncertain(geometry.exp(geometry.log(motion.velocity.T) * seconds), covariance)
-
-
-def _start_covariance(seconds: float, settings: OdometrySettings) -> Array:
-    """Covariance (6, 6) of a motion of which only the vehicle's speed and turn rate are bounded."""
-    return np.diag((np.repeat([settings.start_speed, settings.start_turn_rate], 3) * seconds) ** 2)

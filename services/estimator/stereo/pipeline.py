@@ -8,7 +8,6 @@ from dataclasses import replace
 from threading import Event, Thread
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,25 +15,19 @@ from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Array, Uncertain
 from common.messages import CameraModel, Keyframe, VertexRecord
+from services.estimator.mounting import in_sensor_frames, in_vehicle_frames
 from services.estimator.pipeline import Localized, Step, StreamResult
 from services.estimator.relocalization.appearance import appearance_of
 from services.estimator.stereo import submap as submaps
-from services.estimator.stereo.localization import (
-    LocalizationResult,
-    StereoLocalizer,
-    in_camera_frames,
-    in_vehicle_frames,
-)
+from services.estimator.stereo.localization import LocalizationResult, StereoLocalizer
 from services.estimator.stereo.mapping import local_map
 from services.estimator.stereo.odometry import StereoOdometry
 from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.streams import INVARIANT, PLAIN, InvariantStream, Streams, is_colour
 from services.estimator.stereo.submap import StereoSubmap
-from services.estimator.stereo.vertex_creation import should_create
 from services.estimator.stereo.window import WindowAdjuster
-
-_THUMBNAIL_WIDTH = 200
-_JPEG_QUALITY = 80
+from services.estimator.thumbnail import thumbnail
+from services.estimator.vertex_creation import should_create
 
 T = TypeVar("T")
 
@@ -91,7 +84,7 @@ class StereoPipeline:
             ImageError: an image has another type or size than the camera's.
         """
         if prior is not None:
-            prior = in_camera_frames(prior, self._camera.T_vehicle_camera)
+            prior = in_sensor_frames(prior, self._camera.T_vehicle_camera)
         invariant, rectification = self._invariant, self._odometry.rectification
         second = None
         if invariant is not None and is_colour(left):
@@ -102,6 +95,7 @@ class StereoPipeline:
             live[INVARIANT] = second()
         mounting = self._camera.T_vehicle_camera
         T_last_live = in_vehicle_frames(result.T_previous_live, mounting)
+        adjusted = result.T_previous_keyframe
         elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) * 1e-9
         self._last_stamp = stamp
         twist = geometry.log(T_last_live.T) / elapsed if elapsed > 0.0 else np.zeros(6)
@@ -116,6 +110,7 @@ class StereoPipeline:
             reason=result.reason,
             live=live,
             milliseconds=result.milliseconds,
+            T_previous_keyframe=None if adjusted is None else in_vehicle_frames(adjusted, mounting),
         )
 
     def keyframe(self, live: Streams) -> Keyframe:
@@ -125,7 +120,7 @@ class StereoPipeline:
             pipeline="stereo",
             camera=CameraModel.of(self._camera),
             arrays=submaps.to_arrays(maps),
-            thumbnail=_thumbnail(live[PLAIN].left),
+            thumbnail=thumbnail(live[PLAIN].left),
             appearance=appearance_of(maps),
         )
 
@@ -203,11 +198,3 @@ class StereoPipeline:
         """``T_map_live`` of the optical frames; the two cameras may be mounted differently."""
         mounting = Uncertain.exactly(geometry.inverse(submap.T_vehicle_camera))
         return mounting @ T_vertex_live @ Uncertain.exactly(self._camera.T_vehicle_camera)
-
-
-def _thumbnail(image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:
-    """A small JPEG of an image."""
-    height = max(1, round(image.shape[0] * _THUMBNAIL_WIDTH / image.shape[1]))
-    small = cv2.resize(image, (_THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA)
-    ok, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return bytes(data) if ok else b""

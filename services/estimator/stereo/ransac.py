@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.compiled import kernel
-from services.estimator.stereo import model, normal_equations
+from services.estimator.solving import normal_equations, small
+from services.estimator.stereo import model
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ def count_inliers(
         inliers[i] = False
         if informations[i, 0, 0] > 0.0 and model.predict(uvd[i], T, k, predicted) > 0.0:
             predicted -= live[i]
-            error2 = model.quadratic3(predicted, informations[i])
+            error2 = small.quadratic3(predicted, informations[i])
             if error2 < gate2:
                 inliers[i] = True
                 score += 1.0 - error2 / gate2
@@ -61,7 +62,7 @@ def _minimal(
         size = np.abs(step).max()
         if not size < 10.0:
             return T, False
-        T = model.perturb(T, step)
+        T = small.perturb(T, step)
         if size < 1e-3:
             return T, True
     return T, False

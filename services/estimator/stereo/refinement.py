@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.compiled import kernel
-from services.estimator.stereo import normal_equations
+from services.estimator.solving import normal_equations
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]

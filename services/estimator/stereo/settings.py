@@ -7,6 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from services.estimator.vertex_creation import VertexCreationSettings
+
 
 @dataclass(frozen=True, slots=True)
 class NoiseSettings:
@@ -194,21 +196,6 @@ class MappingSettings:
     """
 
     max_landmarks: int = 600
-
-
-@dataclass(frozen=True, slots=True)
-class VertexCreationSettings:
-    """When a new vertex is made.
-
-    Attributes:
-        distance: from the last vertex, metres.
-        rotation: from the last vertex, radians.
-        min_inliers: below this many odometry inliers a vertex is made earlier, at a quarter of the distance.
-    """
-
-    distance: float = 0.4
-    rotation: float = 0.175
-    min_inliers: int = 40
 
 
 @dataclass(frozen=True, slots=True)

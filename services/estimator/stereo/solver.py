@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from common import geometry
 from common.compiled import kernel
 from common.geometry import Uncertain
-from services.estimator.stereo import model, normal_equations, ransac
-from services.estimator.stereo.covariance import sandwich
+from services.estimator.solving import normal_equations, small
+from services.estimator.solving.covariance import sandwich
+from services.estimator.stereo import model, ransac
 from services.estimator.stereo.settings import MatchingSettings
 
 Array = NDArray[np.float64]
@@ -76,10 +77,10 @@ def _informations(
     for i in range(n):
         if model.predict(uvd[i], T, k, predicted) > 0.0:
             model.derivatives(uvd[i], T, k, by_pose, by_landmark)
-            model.innovation_covariance(by_landmark, covariances[i], noise[i], s)
+            small.innovation_covariance(by_landmark, covariances[i], noise[i], s)
             _by_rectification(uvd[i], live[i], by_landmark, k, shared)
-            model.add_quadratic(shared, rectification, s)
-            model.invert3(s, out[i])
+            small.add_quadratic(shared, rectification, s)
+            small.invert3(s, out[i])
     return out
 
 
@@ -128,8 +129,8 @@ def _linearize(
         if model.predict(latent[i], T, k, predicted) <= 0.0:
             continue
         model.derivatives(latent[i], T, k, by_pose, by_landmark)
-        model.innovation_covariance(by_landmark, covariances[i], noise[i], s)
-        if not model.invert3(s, information):
+        small.innovation_covariance(by_landmark, covariances[i], noise[i], s)
+        if not small.invert3(s, information):
             continue
         _by_rectification(uvd[i], live[i], by_landmark, k, shared)
         before, after = (uvd[i, 0] - k[2]) / k[0], (live[i, 0] - k[2]) / k[0]
@@ -143,7 +144,7 @@ def _linearize(
             for p in range(3):
                 y[j] -= by_landmark[j, p] * r1[p]
         y[2] -= c[0] + c[1] * after * after
-        errors2[i] = model.quadratic3(y, information)
+        errors2[i] = small.quadratic3(y, information)
         weight = (robust2 / (robust2 + errors2[i])) ** 2
         normal_equations.accumulate(jacobian, information, y, weight, hessian, gradient)
         for j in range(3):
@@ -188,7 +189,7 @@ def _refine(
             factor[a, a] += 1e-9 * (1.0 + hessian[a, a])
         if not normal_equations.cholesky_solve(factor, gradient, step) or not np.abs(step).max() < 10.0:
             break
-        T = model.perturb(T, step[:6].copy())
+        T = small.perturb(T, step[:6].copy())
         c += step[6:]
         remaining -= step
         if np.abs(step).max() < 1e-6:
@@ -217,7 +218,7 @@ def solve(
     which is then estimated as well; without it there is none.
 
     The noise's scale is estimated from the errors' median, so that gates and weights fit images that are worse than the
-    settings say; the covariance is that of :func:`services.estimator.stereo.covariance.sandwich`.
+    settings say; the covariance is that of :func:`services.estimator.solving.covariance.sandwich`.
     """
     uvd, covariances = landmarks
     live, noise = measured

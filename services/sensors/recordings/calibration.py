@@ -87,6 +87,23 @@ def read_poses(file: Path) -> Array:
     return geometry.normalize(poses)
 
 
+def read_transform(file: Path, name: str) -> Array:
+    """The transform (4, 4) of the row ``name: `` and 12 numbers.
+
+    Raises:
+        RecordingError: the file or the row is missing, or it is no rigid transform.
+    """
+    for number, line in enumerate(_lines(file), start=1):
+        found, colon, numbers = line.partition(":")
+        if colon and found.strip() == name:
+            T = np.eye(4)
+            T[:3] = _numbers(numbers, 12, file, number).reshape(3, 4)
+            if not geometry.is_transform(T, tolerance=1e-3):
+                raise RecordingError(f"{file}, row {number}: {name} is no rigid transform")
+            return geometry.normalize(T)
+    raise RecordingError(f"{file} has no row {name}: add it, or remove the poses")
+
+
 def read_times(file: Path) -> Array:
     """Times (N,) in seconds.
 

@@ -1,5 +1,7 @@
 """Dead reckoning adds up motions exactly and uncertainties once."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -37,6 +39,35 @@ def test_frames_against_one_keyframe_add_no_uncertainty():
                 reckoning.start()
     one, ten = (np.trace(r.T_reference_live.covariance[:3, :3]) for r in (few, many))
     assert one < ten
+
+
+def test_an_adjusted_motion_takes_the_place_of_the_measured_one():
+    """Whenever it comes; the frames before the reference and those after the keyframe stay as they were."""
+    reckoning, drive = DeadReckoning(), Drive(keyframe_every=3)
+    ahead = [0.1, 0, 0, 0, 0, 0.02]
+    for _ in range(2):
+        reckoning.move(drive.on(ahead))
+    reckoning.start()
+    for _ in range(2):
+        reckoning.move(drive.on(ahead))
+    measured = geometry.exp(ahead) @ geometry.exp(ahead) @ geometry.exp(ahead)
+    better = Uncertain(measured @ geometry.exp([0.01, 0, 0, 0, 0, 0]), np.eye(6) * 1e-6)
+    for _ in range(2):
+        reckoning.move(replace(drive.on(ahead), T_previous_keyframe=better))
+    since_start = geometry.inverse(geometry.exp(ahead) @ geometry.exp(ahead)) @ better.T
+    expected = since_start @ measured
+    assert np.allclose(reckoning.T_reference_live.T, expected)
+
+
+def test_an_adjusted_motion_that_ended_before_the_reference_changes_nothing():
+    reckoning, drive = DeadReckoning(), Drive(keyframe_every=2)
+    ahead = [0.1, 0, 0, 0, 0, 0]
+    for _ in range(5):
+        reckoning.move(drive.on(ahead))
+    reckoning.start()
+    step = replace(drive.on(ahead), T_previous_keyframe=Uncertain.exactly(geometry.exp([0.5, 0, 0, 0, 0, 0])))
+    reckoning.move(step)
+    assert np.allclose(reckoning.T_reference_live.T, geometry.exp(ahead))
 
 
 def test_a_reference_is_where_the_live_frame_is_known_to_be():

@@ -29,7 +29,7 @@ def vertex(number: int, index: int) -> VertexId:
 
 def add_map(graph: PoseGraph, number: int, steps: list[float], generation: int = 0) -> None:
     record = MapRecord(
-        id=map_id(number), environment="yard", stamp=number, robot="r1", sensor="front", generation=generation,
+        id=map_id(number), environment="yard", stamp=number, robot="r1", sensor="stereo", generation=generation,
         parent=map_id(0) if generation else None,
     )  # fmt: skip
     graph.add_experience(record)
@@ -59,7 +59,7 @@ def network() -> PoseGraph:
 
 
 def test_a_route_branches_where_the_maps_are_joined(network: PoseGraph) -> None:
-    found = plan(network, vertex(0, 0), "barn")
+    found = plan(network, vertex(0, 0), "barn", "stereo")
     assert found.vertices == [vertex(0, 0), vertex(0, 1), *(vertex(1, index) for index in range(4))]
     assert found.maps == [map_id(0), map_id(1)]
     assert found.length == pytest.approx(4.2)
@@ -71,7 +71,7 @@ def test_a_route_branches_where_the_maps_are_joined(network: PoseGraph) -> None:
 
 
 def test_a_route_against_the_taught_direction_keeps_the_taught_headings(network: PoseGraph) -> None:
-    found = plan(network, vertex(0, 4), "dock")
+    found = plan(network, vertex(0, 4), "dock", "stereo")
     assert found.vertices == network.vertices(map_id(0))[::-1]
     forth = network.poses_along(network.vertices(map_id(0)))
     assert np.allclose(found.path, geometry.inverse(forth[-1]) @ forth[::-1])
@@ -100,43 +100,48 @@ def test_a_goal_is_a_map_s_end_a_vertex_or_a_place(network: PoseGraph, goal: str
 )
 def test_each_impossible_wish_has_its_sentence(network: PoseGraph, start: VertexId, goal: str, sentence: str) -> None:
     with pytest.raises(GraphError, match=sentence) as caught:
-        plan(network, start, goal)
+        plan(network, start, goal, "stereo")
     assert "\n" not in str(caught.value)
+
+
+def test_maps_of_another_sensor_are_of_no_use(network: PoseGraph) -> None:
+    with pytest.raises(GraphError, match=r"the start .* was taught by stereo, and this robot localizes by lidar"):
+        plan(network, vertex(0, 0), "barn", "lidar")
 
 
 def test_without_maps_there_is_nothing_to_repeat() -> None:
     with pytest.raises(GraphError, match="teach a route first"):
-        plan(PoseGraph("yard"), vertex(0, 0), "barn")
+        plan(PoseGraph("yard"), vertex(0, 0), "barn", "stereo")
 
 
 def test_a_map_without_vertices_has_no_end(network: PoseGraph) -> None:
     record = network.experience(map_id(0)).record.model_copy(update={"id": map_id(5)})
     network.add_experience(record)
     with pytest.raises(GraphError, match="no vertices yet"):
-        plan(network, vertex(0, 0), map_id(5))
+        plan(network, vertex(0, 0), map_id(5), "stereo")
 
 
 def test_without_names_a_goal_is_told_to_be_a_vertex_or_map() -> None:
     graph = PoseGraph("yard")
     add_map(graph, 0, [1.0])
     with pytest.raises(GraphError, match="name a vertex as map:index"):
-        plan(graph, vertex(0, 0), "barn")
+        plan(graph, vertex(0, 0), "barn", "stereo")
 
 
 def test_a_repeat_s_map_is_no_route_even_where_it_is_shorter(network: PoseGraph) -> None:
     add_map(network, 3, [0.1], generation=1)
     join(network, vertex(3, 0), vertex(0, 0))
     join(network, vertex(3, 1), vertex(0, 4))
-    assert plan(network, vertex(0, 0), map_id(0)).length == pytest.approx(4.0)
+    assert plan(network, vertex(0, 0), map_id(0), "stereo").length == pytest.approx(4.0)
     with pytest.raises(GraphError, match="recorded in a repeat"):
-        plan(network, vertex(0, 0), map_id(3))
+        plan(network, vertex(0, 0), map_id(3), "stereo")
     with pytest.raises(GraphError, match=r"the start .* recorded in a repeat"):
-        plan(network, vertex(3, 0), "barn")
+        plan(network, vertex(3, 0), "barn", "stereo")
 
 
 def test_however_many_repeats_were_recorded_the_routes_stay_as_they_were(network: PoseGraph) -> None:
     wishes = [(vertex(0, 0), "barn"), (vertex(0, 4), "dock"), (vertex(1, 3), map_id(0)), (vertex(0, 2), "dock")]
-    before = [plan(network, start, goal) for start, goal in wishes]
+    before = [plan(network, start, goal, "stereo") for start, goal in wishes]
     for number in range(10, 60):
         record = network.experience(map_id(0)).record
         recorded = record.model_copy(
@@ -151,7 +156,7 @@ def test_however_many_repeats_were_recorded_the_routes_stay_as_they_were(network
                 T = Uncertain.exactly(geometry.from_xy_yaw(0.5, 0, 0))
                 network.add_edge(Edge(VertexId(recorded.id, index - 1), here, T, spatial=False))
     for (start, goal), old in zip(wishes, before, strict=True):
-        new = plan(network, start, goal)
+        new = plan(network, start, goal, "stereo")
         assert (new.vertices, new.maps, new.reason) == (old.vertices, old.maps, old.reason)
         assert np.array_equal(new.path, old.path)
 
@@ -161,7 +166,7 @@ def test_two_maps_joined_by_a_repeat_alone_are_not_connected(network: PoseGraph)
     join(network, vertex(3, 0), vertex(0, 0))
     join(network, vertex(3, 1), vertex(2, 0))
     with pytest.raises(GraphError, match="no taught route"):
-        plan(network, vertex(0, 0), "field")
+        plan(network, vertex(0, 0), "field", "stereo")
 
 
 @settings(max_examples=40, deadline=None)
@@ -179,9 +184,9 @@ def test_a_route_is_the_shortest_of_all_simple_paths(data: st.DataObject) -> Non
     best = _brute_force(graph, start, goal, frozenset())
     if math.isinf(best):
         with pytest.raises(GraphError, match="no taught route"):
-            plan(graph, start, str(goal))
+            plan(graph, start, str(goal), "stereo")
     else:
-        assert plan(graph, start, str(goal)).length == pytest.approx(best)
+        assert plan(graph, start, str(goal), "stereo").length == pytest.approx(best)
 
 
 def _brute_force(graph: PoseGraph, vertex: VertexId, goal: VertexId, seen: frozenset[VertexId]) -> float:

@@ -25,7 +25,7 @@ class Store:
             raise NoAnswer("nobody answers")
         graph = PoseGraph(str(question.environment))
         map_id = "20261122T204500000000-r1-000000"
-        graph.add_experience(MapRecord(id=map_id, environment=graph.environment, stamp=0, robot="r1", sensor="front"))
+        graph.add_experience(MapRecord(id=map_id, environment=graph.environment, stamp=0, robot="r1", sensor="stereo"))
         for index in range(self.vertices):
             graph.add_vertex(VertexId(map_id, index))
         return to_topology(graph)

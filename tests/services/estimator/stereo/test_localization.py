@@ -3,13 +3,12 @@ import pytest
 
 from common import geometry
 from common.geometry import Uncertain
+from services.estimator.mounting import in_sensor_frames, in_vehicle_frames
 from services.estimator.stereo import (
     FeatureError,
     FeatureSet,
     StereoLocalizer,
     StereoSettings,
-    in_camera_frames,
-    in_vehicle_frames,
     join,
     local_map,
     move,
@@ -140,4 +139,4 @@ def test_vehicle_and_camera_frames_are_two_views_of_one_motion():
     vehicle = in_vehicle_frames(forward, CAMERA.T_vehicle_camera)
     assert vehicle.T[0, 3] == pytest.approx(1.0, abs=0.01), "z of the camera is x of the vehicle"
     assert vehicle.covariance[0, 0] == pytest.approx(4e-4)
-    np.testing.assert_allclose(in_camera_frames(vehicle, CAMERA.T_vehicle_camera).T, forward.T, atol=1e-12)
+    np.testing.assert_allclose(in_sensor_frames(vehicle, CAMERA.T_vehicle_camera).T, forward.T, atol=1e-12)

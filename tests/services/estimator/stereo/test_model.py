@@ -51,22 +51,6 @@ def test_derivatives_equal_numeric_ones(T):
             np.testing.assert_allclose(by_landmark[:, j], slope, rtol=1e-5, atol=1e-6)
 
 
-def test_perturbation_is_the_exponential_map():
-    for _ in range(20):
-        xi = RNG.normal(size=6) * RNG.choice([1e-7, 1e-2, 1.0])
-        np.testing.assert_allclose(model.perturb(POSES[0], xi), geometry.exp(xi) @ POSES[0], atol=1e-12)
-
-
-def test_the_small_inverse_and_the_quadratic_form():
-    a = RNG.normal(size=(3, 3))
-    s, out, e = a @ a.T + np.eye(3), np.zeros((3, 3)), RNG.normal(size=3)
-    assert model.invert3(s, out)
-    np.testing.assert_allclose(out, np.linalg.inv(s), atol=1e-12)
-    assert model.quadratic3(e, s) == pytest.approx(e @ s @ e)
-    assert not model.invert3(np.zeros((3, 3)), out)
-    assert not model.invert3(np.full((3, 3), np.nan), out)
-
-
 def test_landmarks_and_measurements_are_the_same_thing():
     m = landmarks(RNG, 30)
     R = np.diag([0.1, 0.2, 0.3]) ** 2

@@ -194,6 +194,7 @@ def test_odometry_goes_on_from_the_adjusted_pose(pairs):
     for adjustment, result in zip(adjuster.made, results[2:], strict=True):
         expected = adjustment.T_odom_keyframe @ result.T_keyframe_live.T
         np.testing.assert_allclose(result.T_odom_live, expected, atol=1e-9)
+        assert result.T_previous_keyframe is adjustment.T_previous_keyframe
 
 
 def test_refined_landmarks_are_more_certain_and_no_worse(keyframes):

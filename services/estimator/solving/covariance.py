@@ -20,7 +20,7 @@ from common.compiled import kernel
 
 Array = NDArray[np.float64]
 
-_REACH = 51.0
+REACH = 51.0
 """Distance along either axis at which errors are taken as independent, pixels: those of one surface go together."""
 
 _BORROWED = 30.0
@@ -30,8 +30,8 @@ What is assumed is the worst: that measurements within reach share their errors 
 
 
 @kernel
-def _score_covariance(scores: Array, places: Array) -> Array:
-    """``B`` (n, n) of scores (N, n) of measurements at places (N, 2), pixels, in no particular order."""
+def _score_covariance(scores: Array, places: Array, reach: float) -> Array:
+    """``B`` (n, n) of scores (N, n) of measurements at places (N, 2), in no particular order, that reach ``reach``."""
     count, n = scores.shape
     out = np.zeros((n, n))
     order = np.argsort(places[:, 1])
@@ -43,11 +43,11 @@ def _score_covariance(scores: Array, places: Array) -> Array:
         for second in range(first + 1, count):
             j = order[second]
             dv = places[j, 1] - places[i, 1]
-            if dv >= _REACH:
+            if dv >= reach:
                 break
             du = abs(places[j, 0] - places[i, 0])
-            if du < _REACH:
-                overlap = (1.0 - du / _REACH) * (1.0 - dv / _REACH)
+            if du < reach:
+                overlap = (1.0 - du / reach) * (1.0 - dv / reach)
                 for a in range(n):
                     summed[a] += overlap * scores[j, a]
         for a in range(n):
@@ -56,9 +56,9 @@ def _score_covariance(scores: Array, places: Array) -> Array:
     return out
 
 
-def _company(places: Array) -> float:
+def _company(places: Array, reach: float) -> float:
     """Mean number of measurements, of those at places (N, 2), whose errors one shares, itself included."""
-    return float(_score_covariance(np.ones((len(places), 1)), places)[0, 0] / max(len(places), 1))
+    return float(_score_covariance(np.ones((len(places), 1)), places, reach)[0, 0] / max(len(places), 1))
 
 
 @lru_cache
@@ -79,18 +79,20 @@ def weight_moments(robust_scale: float) -> tuple[float, float]:
     )
 
 
-def sandwich(hessian: Array, anchor: Array, scores: Array, places: Array, robust_scale: float) -> Array:
+def sandwich(
+    hessian: Array, anchor: Array, scores: Array, places: Array, robust_scale: float, reach: float = REACH
+) -> Array:
     """Covariance (n, n) of a Geman-McClure estimate of n unknowns.
 
     ``hessian`` (n, n) are the normal equations of the N measurements alone, ``anchor`` (n, n) the information of what
     was known before, ``scores`` (N, n) each measurement's part of the gradient at the solution, ``places`` (N, 2)
-    pixels. Few measurements borrow from the
-    noise that was assumed, so that independent errors are taken as somewhat larger than they are.
+    where each was seen and ``reach`` the distance there at which errors are independent. Few measurements borrow from
+    the noise that was assumed, so that independent errors are taken as somewhat larger than they are.
     """
     a, b = weight_moments(robust_scale)
     count = len(scores)
-    assumed = b * _company(places) * hessian
-    spread = (count * _score_covariance(scores, places) + _BORROWED * assumed) / (count + _BORROWED)
+    assumed = b * _company(places, reach) * hessian
+    spread = (count * _score_covariance(scores, places, reach) + _BORROWED * assumed) / (count + _BORROWED)
     inverse = np.linalg.inv(a * hessian + anchor + 1e-9 * np.eye(len(hessian)))
     covariance = inverse @ (spread + anchor) @ inverse.T
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from common import geometry
-from services.estimator.stereo import should_create
-from services.estimator.stereo.settings import VertexCreationSettings
+from services.estimator.vertex_creation import VertexCreationSettings, should_create
 
 SETTINGS = VertexCreationSettings(distance=0.4, rotation=0.175, min_inliers=40)
 

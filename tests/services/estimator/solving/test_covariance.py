@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from services.estimator.stereo.covariance import sandwich
+from services.estimator.solving.covariance import sandwich
 
 ROBUST = 1e4
 

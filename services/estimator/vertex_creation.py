@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from common import geometry
-from services.estimator.stereo.settings import VertexCreationSettings
+
+
+@dataclass(frozen=True, slots=True)
+class VertexCreationSettings:
+    """When a new vertex is made.
+
+    Attributes:
+        distance: from the last vertex, metres.
+        rotation: from the last vertex, radians.
+        min_inliers: below this many odometry inliers a vertex is made earlier, at a quarter of the distance.
+    """
+
+    distance: float = 0.4
+    rotation: float = 0.175
+    min_inliers: int = 40
 
 
 def should_create(T_vertex_live: NDArray[np.float64], inliers: int, settings: VertexCreationSettings) -> bool:

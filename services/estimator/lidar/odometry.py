@@ -1,0 +1,339 @@
+"""Second stage, odometry: the live scan's motion against the last keyframe.
+
+The keyframe's landmarks are looked for where the motion prior says, in appearance and place; three that agree make a
+motion, robust Gauss-Newton on azimuth, elevation and range refines it. Appearance alone reaches the drift that is asked
+for, so no points are registered by their shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from common import geometry
+from common.geometry import Array, Uncertain
+from common.lidar import LidarScan
+from services.estimator import motion_model
+from services.estimator.lidar import beams, matching, solver
+from services.estimator.lidar import scan as scans
+from services.estimator.lidar.beams import ScanError, StackGeometry
+from services.estimator.lidar.distortion import compensate
+from services.estimator.lidar.features import Landmarks, LidarFeatures
+from services.estimator.lidar.preprocessing import LidarFrame, preprocess
+from services.estimator.lidar.search import search
+from services.estimator.lidar.settings import LidarSettings
+
+_NARROW = np.diag(np.repeat([0.05, 0.01], 3) ** 2)
+"""Covariance around a pose that is looked at once more, beside its own: metres and radians."""
+_MAX_MISFITS = 10
+"""After as many scans in a row that do not fit, the lidar is taken to be another one than was thought."""
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryResult:
+    """What odometry says about one scan. All transforms are between lidar frames.
+
+    Attributes:
+        stamp_ns: of the scan.
+        success: whether the motion was measured; if not, every transform is the prior's, its covariance grown.
+        reason: why not, in one sentence; empty on success.
+        T_odom_live: (4, 4), live scan in the frame of the first.
+        T_previous_live: motion since the scan processed before, with covariance.
+        T_keyframe_live: motion since the keyframe that was matched, with covariance.
+        keyframe: running number of that keyframe, 0 for the first; a scan with ``is_keyframe`` is the next one, or the
+            first. Motions since different keyframes have independent errors; those since the same one share the errors
+            of its landmarks, so that covariances add up per keyframe only.
+        is_keyframe: whether later scans are matched against this one.
+        matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
+        rms: root mean square distance of the inliers, metres.
+        frame: the preprocessed scan, its features corrected for the motion within the turn.
+        milliseconds: time spent, by stage: "features", "match", "solve".
+    """
+
+    stamp_ns: int
+    success: bool
+    reason: str
+    T_odom_live: Array
+    T_previous_live: Uncertain
+    T_keyframe_live: Uncertain
+    keyframe: int
+    is_keyframe: bool
+    matches: int
+    inliers: int
+    rms: float
+    frame: LidarFrame
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Keyframe:
+    """What scans are matched against.
+
+    Attributes:
+        features: as measured, before any correction.
+        landmarks: after it.
+    """
+
+    features: LidarFeatures
+    landmarks: Landmarks
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """What odometry remembers of the last scan."""
+
+    stamp_ns: int
+    T_keyframe_last: Uncertain
+    velocity: Uncertain | None
+    """Twist per second as a transform ``exp(xi)``, None until a motion was measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """One attempt at a motion: the features that it was made of, how many matched, and the pose, if there is one."""
+
+    features: LidarFeatures
+    matches: int
+    solution: solver.Solution | None
+
+
+class LidarOdometry:
+    """Odometry of one lidar; :meth:`process` takes its scans in order.
+
+    An instance holds one stream's state and belongs to one thread.
+    """
+
+    def __init__(self, settings: LidarSettings | None = None) -> None:
+        self.settings = settings or LidarSettings()
+        self._geometry: StackGeometry | None = None
+        self._misfits = 0
+        self._keyframe: _Keyframe | None = None
+        self._T_odom_keyframe: Array = np.eye(4)
+        self._motion: _Motion | None = None
+        self._failures = 0
+        self._number = 0
+
+    def process(self, scan: LidarScan, prior: Uncertain | None = None) -> OdometryResult:
+        """Motion of the lidar up to this scan.
+
+        ``prior`` is ``T_previous_live`` between lidar frames, from wheel odometry, say; without it the lidar is
+        expected to move on as it did. What cannot be measured is a result without success.
+
+        Raises:
+            ScanError: the scan is not sound, or does not fit those before.
+        """
+        begin = perf_counter()
+        frame = self._preprocess(scan)
+        times = {"features": 1e3 * (perf_counter() - begin), "match": 0.0, "solve": 0.0}
+        if self._keyframe is None or self._motion is None:
+            return self._start(frame, times)
+        keyframe, motion = self._keyframe, self._motion
+        seconds = max((frame.stamp_ns - motion.stamp_ns) * 1e-9, 1e-3)
+        step = prior or motion_model.constant_velocity(motion.velocity, seconds, self.settings.odometry)
+        measured = None
+        if prior is not None or motion.velocity is not None:
+            measured = self._measure(keyframe, frame.features, motion, step, seconds, times)
+        if measured is None or measured.solution is None:
+            measured = self._search(keyframe, frame, motion, seconds, times)
+        return self._conclude(frame, motion, seconds, motion.T_keyframe_last @ step, measured, times)
+
+    def _preprocess(self, scan: LidarScan) -> LidarFrame:
+        """The scan's keypoints; the first sound scan tells how the lidar's beams lie."""
+        scans.check(scan)
+        if self._geometry is None:
+            geometry_ = beams.estimate_geometry(scan)
+            frame = preprocess(scan, geometry_, self.settings)
+            self._geometry = geometry_
+            return frame
+        try:
+            frame = preprocess(scan, self._geometry, self.settings)
+        except ScanError:
+            self._misfits += 1
+            if self._misfits >= _MAX_MISFITS:
+                self._geometry, self._misfits = None, 0
+            raise
+        self._misfits = 0
+        return frame
+
+    def _measure(
+        self,
+        keyframe: _Keyframe,
+        raw: LidarFeatures,
+        motion: _Motion,
+        step: Uncertain,
+        seconds: float,
+        times: dict[str, float],
+    ) -> _Measured:
+        """Match around ``step``, the expected motion since the last scan, and solve."""
+        live = self._corrected(raw, geometry.log(step.T) / seconds)
+        first = self._solve(keyframe.landmarks, live, motion, step, step, times)
+        return self._again(first, keyframe, raw, motion, step, seconds, times)
+
+    def _search(
+        self, keyframe: _Keyframe, frame: LidarFrame, motion: _Motion, seconds: float, times: dict[str, float]
+    ) -> _Measured:
+        """Match and solve where only the vehicle's speed is bounded."""
+        s = self.settings.odometry
+        begin = perf_counter()
+        anything = Uncertain(np.eye(4), motion_model.start_covariance(seconds, s))
+        live = self._corrected(frame.features, np.zeros(6))
+        guess = (motion.T_keyframe_last @ anything).inverse()
+        found, solution = search(keyframe.landmarks, live, frame.ranges, guess, s.matching, s.matching)
+        times["match"] += 1e3 * (perf_counter() - begin)
+        first = self._judged(live, len(found.landmarks), solution)
+        return self._again(first, keyframe, frame.features, motion, anything, seconds, times)
+
+    def _again(
+        self,
+        first: _Measured,
+        keyframe: _Keyframe,
+        raw: LidarFeatures,
+        motion: _Motion,
+        step: Uncertain,
+        seconds: float,
+        times: dict[str, float],
+    ) -> _Measured:
+        """Once more, with the motion within the turn as the first pose tells it."""
+        if first.solution is None or not (raw.offsets.any() and self.settings.odometry.compensate):
+            return first
+        T_last_keyframe = geometry.inverse(motion.T_keyframe_last.T)
+        T_last_live = T_last_keyframe @ geometry.inverse(first.solution.T_live_map.T)
+        twist = geometry.log(T_last_live) / seconds
+        landmarks = keyframe.landmarks
+        if motion.velocity is None:
+            # The keyframe is the first scan: only now is anything known of how it moved.
+            landmarks = self._corrected(keyframe.features, twist).landmarks()
+            self._keyframe = _Keyframe(keyframe.features, landmarks)
+        around = Uncertain(T_last_live, first.solution.T_live_map.covariance + _NARROW)
+        second = self._solve(landmarks, self._corrected(raw, twist), motion, around, step, times)
+        return second if second.solution is not None else first
+
+    def _corrected(self, features: LidarFeatures, twist: Array) -> LidarFeatures:
+        return compensate(features, twist if self.settings.odometry.compensate else np.zeros(6))
+
+    def _solve(
+        self,
+        landmarks: Landmarks,
+        live: LidarFeatures,
+        motion: _Motion,
+        around: Uncertain,
+        known: Uncertain,
+        times: dict[str, float],
+    ) -> _Measured:
+        """Match and solve; both motions are since the last scan: where to look, and what the prior knows."""
+        s, T_keyframe_last = self.settings.odometry.matching, motion.T_keyframe_last
+        begin = perf_counter()
+        T_live_keyframe = (T_keyframe_last @ around).inverse()
+        found = matching.match(landmarks, live, T_live_keyframe, s)
+        middle = perf_counter()
+        # The last scan was measured against the same landmarks, whose errors are no new evidence at the next one.
+        reused = Uncertain(T_keyframe_last.T, motion_model.REUSED * T_keyframe_last.covariance)
+        weak = (reused @ known).inverse()
+        solution = solver.solve_matches(landmarks, live, found, T_live_keyframe.T, s, weak)
+        times["match"] += 1e3 * (middle - begin)
+        times["solve"] += 1e3 * (perf_counter() - middle)
+        return self._judged(live, len(found.landmarks), solution)
+
+    def _judged(self, live: LidarFeatures, matches: int, solution: solver.Solution | None) -> _Measured:
+        """What was measured, without its pose where too few agree on it."""
+        s = self.settings.odometry
+        needed = max(float(s.min_inliers), s.min_inlier_ratio * matches)
+        enough = solution is not None and solution.inliers.sum() >= needed
+        return _Measured(live, matches, solution if enough else None)
+
+    def _start(self, frame: LidarFrame, times: dict[str, float]) -> OdometryResult:
+        """The first scan: nothing to compare it with."""
+        enough = len(frame.features) >= self.settings.odometry.min_inliers
+        if enough:
+            still = self._corrected(frame.features, np.zeros(6))
+            self._keyframe = _Keyframe(frame.features, still.landmarks())
+            self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None)
+        return OdometryResult(
+            stamp_ns=frame.stamp_ns,
+            success=enough,
+            reason="" if enough else f"the scan shows only {len(frame.features)} keypoints",
+            T_odom_live=self._T_odom_keyframe.copy(),
+            T_previous_live=Uncertain.identity(),
+            T_keyframe_live=Uncertain.identity(),
+            keyframe=self._number,
+            is_keyframe=enough,
+            matches=0,
+            inliers=0,
+            rms=0.0,
+            frame=frame,
+            milliseconds=times,
+        )
+
+    def _conclude(
+        self,
+        frame: LidarFrame,
+        motion: _Motion,
+        seconds: float,
+        predicted: Uncertain,
+        measured: _Measured,
+        times: dict[str, float],
+    ) -> OdometryResult:
+        """Take over what was measured, or the prior where nothing was."""
+        solution = measured.solution
+        success = solution is not None
+        inliers = int(solution.inliers.sum()) if solution else 0
+        T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
+        T_last_keyframe = geometry.inverse(motion.T_keyframe_last.T)
+        T_previous_live = Uncertain(
+            T_last_keyframe @ T_keyframe_live.T, motion_model.moved(T_keyframe_live.covariance, T_last_keyframe)
+        )
+        self._failures = 0 if success else self._failures + 1
+        velocity = motion_model.velocity(T_previous_live, seconds) if success else motion.velocity
+        T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
+        corrected = self._corrected(frame.features, geometry.log(T_previous_live.T) / seconds)
+        is_keyframe = self._is_keyframe_due(len(corrected), T_keyframe_live.T, inliers, success=success)
+        result = OdometryResult(
+            stamp_ns=frame.stamp_ns,
+            success=success,
+            reason="" if success else self._why_not(frame, measured.matches),
+            T_odom_live=T_odom_live,
+            T_previous_live=T_previous_live,
+            T_keyframe_live=T_keyframe_live,
+            keyframe=self._number,
+            is_keyframe=is_keyframe,
+            matches=measured.matches,
+            inliers=inliers,
+            rms=solution.rms if solution else 0.0,
+            frame=replace(frame, features=corrected),
+            milliseconds=times,
+        )
+        last = T_keyframe_live
+        if is_keyframe:
+            self._keyframe = _Keyframe(frame.features, corrected.landmarks())
+            self._T_odom_keyframe = geometry.normalize(T_odom_live)
+            self._number += 1
+            last, self._failures = Uncertain.identity(), 0
+        known = (
+            velocity if self._failures < self.settings.odometry.max_failures and (success or not is_keyframe) else None
+        )
+        self._motion = _Motion(frame.stamp_ns, last, known)
+        return result
+
+    def _why_not(self, frame: LidarFrame, matches: int) -> str:
+        """One sentence for a failure."""
+        needed = self.settings.odometry.min_inliers
+        if len(frame.features) < needed:
+            return f"the scan shows only {len(frame.features)} keypoints"
+        if matches < needed:
+            return f"only {matches} landmarks of the keyframe were found again"
+        return f"the {matches} matched landmarks do not agree on a motion"
+
+    def _is_keyframe_due(self, features: int, T_keyframe_live: Array, inliers: int, *, success: bool) -> bool:
+        """Whether the live scan replaces the keyframe."""
+        s = self.settings.odometry
+        if features < s.min_inliers:
+            return False
+        if not success:
+            return self._failures >= s.max_failures
+        return bool(
+            inliers < s.keyframe_inliers
+            or np.linalg.norm(T_keyframe_live[:3, 3]) > s.keyframe_distance
+            or geometry.rotation_angle(T_keyframe_live) > s.keyframe_rotation
+        )

@@ -1,0 +1,18 @@
+"""The small picture that a vertex keeps for people to look at."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_WIDTH = 200
+_JPEG_QUALITY = 80
+
+
+def thumbnail(image: NDArray[np.uint8], width: int = _WIDTH) -> bytes:
+    """A small JPEG of a grey image (H, W)."""
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    ok, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return bytes(data) if ok else b""
