@@ -77,6 +77,7 @@ class RuleSettings:
     """Limits of the rules: ages in seconds, distances in metres, angles in radians.
 
     The speed falls from its full limit at ``*_slow`` to ``slowest`` of it at ``*_stop``, beyond which the robot stops.
+    ``position_sigma`` bounds a metric position, ``distance_sigma`` the distance along a route that is all that is known.
     """
 
     command_age: float = 0.25
@@ -92,6 +93,7 @@ class RuleSettings:
     slowest: float = 0.3
     path_offset: float = 0.8
     position_sigma: float = 0.5
+    distance_sigma: float = 1.2
     heading_sigma: float = 0.35
 
 
@@ -296,9 +298,9 @@ def _uncertain(inputs: SafetyInputs, settings: RuleSettings) -> str | None:
     in_plane = covariance[:2, :2] if inputs.metric else covariance[:1, :1]
     variance = float(np.linalg.eigvalsh(in_plane)[-1])
     position, heading = math.sqrt(max(variance, 0.0)), math.sqrt(max(float(covariance[5, 5]), 0.0))
-    if position > settings.position_sigma:
-        what = "position" if inputs.metric else "distance along the route"
-        return f"The {what} is uncertain by {position:.2f} m (1 sigma); the limit is {settings.position_sigma:.2f} m."
+    what, limit = ("position", settings.position_sigma) if inputs.metric else ("distance", settings.distance_sigma)
+    if position > limit:
+        return f"The {what} is uncertain by {position:.2f} m (1 sigma); the limit is {limit:.2f} m."
     if heading > settings.heading_sigma:
         return (
             f"The heading is uncertain by {heading:.2f} rad (1 sigma); the limit is {settings.heading_sigma:.2f} rad."

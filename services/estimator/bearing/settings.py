@@ -69,7 +69,7 @@ class BearingSettings:
     search_heading: Positive = 0.5
     least_contrast: float = 2.0
     images: Annotated[int, Field(ge=2, le=50)] = 8
-    lost_sigma: Positive = 1.5
+    lost_sigma: Positive = 1.0
     actions_ahead: Positive = 2.0
     actions_behind: Positive = 0.5
     particles: ParticleSettings = field(default_factory=ParticleSettings)
