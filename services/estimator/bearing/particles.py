@@ -69,6 +69,21 @@ class ParticleFilter:
         self.heading = heading[column] + jitter[1] * _spacing(heading)
         self.weights = self._equal()
 
+    def sprinkle(self, metres: Array, heading: Array, similarity: Array, share: float) -> None:
+        """Moves a share of the particles to places of such a grid, as likely as it says.
+
+        Without them a filter that has settled on a wrong peak would never look at another one.
+        """
+        count = self._rng.binomial(self._settings.count, min(share, 1.0))
+        if count == 0:
+            return
+        likely = self._likelihood(similarity.ravel())
+        drawn = self._rng.choice(likely.size, count, p=likely / likely.sum())
+        replaced = self._rng.choice(self._settings.count, count, replace=False)
+        row, column = np.divmod(drawn, len(heading))
+        self.metres[replaced], self.heading[replaced] = metres[row], heading[column]
+        self.weights[replaced] = 1.0 / self._settings.count
+
     def predict(self, metres: float, turn: float, yaw: Yaw) -> None:
         """Moves on by wheel odometry: metres along the way and radians to the left, against the taught turn there."""
         s = self._settings

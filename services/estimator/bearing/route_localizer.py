@@ -6,6 +6,7 @@ the images (radians by the camera's rough field of view), y is 0, for nothing me
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -32,6 +33,26 @@ _SPREAD = 2.5
 """Standard deviations of the particles to either side whose images are looked at."""
 _FEW = 2
 """Images without which nothing can be told of the distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Places that are tried: distances along the map (S,) and heading offsets (H,)."""
+
+    metres: Array
+    headings: Array
+
+    @classmethod
+    def around(cls, here: float, reach: float, largest: float, end: float) -> _Grid:
+        """Distances about one, up to the end of what is looked at, and offsets to either side."""
+        metres = np.arange(here - reach, here + reach + _GRID_M / 2.0, _GRID_M)
+        return cls(np.minimum(metres, end), np.arange(-largest, largest + _GRID_RAD / 2.0, _GRID_RAD))
+
+    def similarity(self, window: Window, taught: TaughtPath) -> Array:
+        """Similarity (S, H) at each place."""
+        metres = np.repeat(self.metres, len(self.headings))
+        offsets = np.tile(self.headings, len(self.metres))
+        return window.similarity(metres, taught.yaw_at(metres) + offsets).reshape(len(self.metres), -1)
 
 
 class BearingRouteLocalizer(RouteLocalizer[BearingLive, BearingSubmap]):
@@ -77,6 +98,13 @@ class BearingRouteLocalizer(RouteLocalizer[BearingLive, BearingSubmap]):
         if isinstance(window, str):
             return self._missing(window)
         particles = self._particles
+        anywhere = _Grid.around(before.metres, reach, self._bearing.search_heading, self._taught.length)
+        particles.sprinkle(
+            anywhere.metres,
+            anywhere.headings,
+            anywhere.similarity(window, self._taught),
+            self._bearing.particles.fresh * self._since_weighed,
+        )
         headings = self._taught.yaw_at(particles.metres) + particles.heading
         similarity = window.similarity(particles.metres, headings)
         contrast = window.contrast(float(similarity.max()))
@@ -98,15 +126,12 @@ class BearingRouteLocalizer(RouteLocalizer[BearingLive, BearingSubmap]):
         window = self._images_between(step.live, here - s.search, here + s.search, every=True)
         if isinstance(window, str):
             return self._missing(window)
-        metres = np.arange(here - s.search, here + s.search + _GRID_M / 2, _GRID_M)
-        metres = metres[(metres > -s.search) & (metres < self._taught.length + s.search)]
-        offsets = np.arange(-s.search_heading, s.search_heading + _GRID_RAD / 2, _GRID_RAD)
-        grid = np.stack(np.meshgrid(metres, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-        similarity = window.similarity(grid[:, 0], self._taught.yaw_at(grid[:, 0]) + grid[:, 1])
+        grid = _Grid.around(here, s.search, s.search_heading, self._taught.length + s.search)
+        similarity = grid.similarity(window, self._taught)
         contrast = window.contrast(float(similarity.max()))
         if contrast < s.least_contrast:
             return self._missing(f"no image around the start is like what the camera sees ({contrast:.1f} sigma)")
-        self._particles.spread(metres, offsets, similarity.reshape(len(metres), len(offsets)))
+        self._particles.spread(grid.metres, grid.headings, similarity)
         self._since_weighed = 0.0
         return self._located(s.search_sigma)
 

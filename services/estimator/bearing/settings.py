@@ -22,6 +22,7 @@ class ParticleSettings:
         temperature: difference of similarity that makes a place e times as likely, as in ``common.registration``.
         independence: metres between two images whose errors have nothing in common; those of nearer ones count less.
         reach: metres beyond the last image at hand at which similarity has fallen to 60 %.
+        fresh: part of the particles that each metre sets anew where the live image alone would have them.
         effective: part of the particles that weigh, below which they are drawn anew.
     """
 
@@ -31,6 +32,7 @@ class ParticleSettings:
     temperature: Positive = 0.02
     independence: Positive = 0.5
     reach: Positive = 1.0
+    fresh: Annotated[float, Field(ge=0, lt=1)] = 0.1
     effective: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
