@@ -28,7 +28,7 @@ class RobotTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Name
-    sensor: Literal["stereo", "lidar"] = "stereo"
+    sensor: Literal["stereo", "lidar", "bearing"] = "stereo"
     environment: Name = "default"
     directory: Path = Path("~/.local/share/retraverse")
     log_level: Literal["debug", "info", "warning", "error"] = "info"

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from common.arrays import (
+    Actions,
     AnyArray,
     Covariance,
     Covariances,
@@ -392,6 +393,10 @@ class Localization(Message):
     ``trunk`` is the route's vertex that the robot is nearest to and ``trunk_index`` its place in the route.
     ``T_trunk_robot`` is by localization where ``success``, else dead reckoning from the last one. ``streams`` says of
     each stream whether it localized; ``stream`` is the one that the estimate was taken from.
+
+    Where not ``metric``, distance along the way and heading alone are measured: x of ``T_trunk_robot`` is the distance
+    from the trunk, its yaw the heading, and y says nothing. ``actions`` (K, 3), in order, are what was taught around
+    the robot, to be replayed: ``[metres ahead of the robot, m/s, rad/s]``.
     """
 
     stamp: Stamp
@@ -407,6 +412,8 @@ class Localization(Message):
     metres_since_success: NotNegative
     seconds_since_success: NotNegative
     reason: Text = ""
+    metric: bool = True
+    actions: Actions | None = None
 
 
 class Relocalize(Message):

@@ -52,6 +52,7 @@ def valid_examples() -> dict[Topic, m.Message]:
         topics.LOCALIZATION: m.Localization(
             stamp=STAMP, route="r", trunk=vertex, trunk_index=3, T_trunk_robot=np.eye(4), covariance=np.eye(6),
             success=True, stream="plain", inliers=80, metres_since_success=0.0, seconds_since_success=0.0,
+            actions=np.array([[0.0, 0.5, -0.1]]),
         ),
         topics.COMMIT: m.Commit(map=_map(), vertex=_vertex(vertex), edges=[edge], finished=MAP_ID),
         topics.MAPS: part, topics.TOPOLOGY: part, topics.SUBMAP: part, topics.REMOVE: part,

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from cli import output
+from cli.demo.sensor import Sensor
 from cli.errors import CommandError
 
 ROBOT_NAME = "demo"
@@ -22,6 +23,9 @@ def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for the report, the plot, the logs and the map.")] = Path(
         "demo"
     ),
+    sensor: Annotated[
+        Sensor, typer.Option(help="What the robot drives by: a stereo camera, a lidar, or one camera's bearing.")
+    ] = Sensor.STEREO,
     speed: Annotated[float, typer.Option(help="Speed of the teaching human, m/s.", min=0.2, max=2.0)] = 1.2,
     lateral_offset: Annotated[float, typer.Option(help="Metres beside the path at which the repeat starts.")] = 0.3,
     heading_offset: Annotated[float, typer.Option(help="Degrees off the path at which the repeat starts.")] = 5.0,
@@ -42,10 +46,10 @@ def demo(
     from cli.demo.story import Offset, Story, write_config
     from services.sensors.world import WorldSettings
 
-    light = times(teach_time, repeat_time, WorldSettings())
+    light = times(teach_time, repeat_time, WorldSettings(), by_night=sensor is Sensor.LIDAR)
     folder = out.expanduser().absolute()
     prepare(folder)
-    write_config(folder / "robot.toml", folder / "data", light)
+    write_config(folder / "robot.toml", folder / "data", light, sensor)
     offset = Offset(lateral_offset, heading_offset)
     with output.progress() as bar:
         task = bar.add_task("starting", total=1.0)

@@ -18,6 +18,7 @@ from cli import client
 from cli.daylight import Times
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.recorder import Recorder, Recording
+from cli.demo.sensor import Sensor
 from cli.errors import CommandError
 from cli.supervision.supervised import Supervised
 from common import config, topics
@@ -47,7 +48,7 @@ class Offset:
     heading_deg: float = 5.0
 
 
-def write_config(path: Path, directory: Path, light: Times | None = None) -> None:
+def write_config(path: Path, directory: Path, light: Times | None = None, sensor: Sensor = Sensor.STEREO) -> None:
     """A robot in the synthetic world with everything at its defaults, on a port that is free now.
 
     With ``light`` the world begins at the time of the teach. Where the repeat has another the sky is clear: the world's
@@ -57,8 +58,9 @@ def write_config(path: Path, directory: Path, light: Times | None = None) -> Non
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     path.write_text(
-        f'[robot]\nname = "demo"\nenvironment = "garden"\ndirectory = {json.dumps(str(directory))}\n\n'
-        f'[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n[sensors]\ndriver = "synthetic"\n' + _world_table(light),
+        f'[robot]\nname = "demo"\nsensor = "{sensor}"\nenvironment = "garden"\n'
+        f'directory = {json.dumps(str(directory))}\n\n[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n'
+        f'[sensors]\ndriver = "synthetic"\nsimulate = ["{sensor.simulated}"]\n' + _world_table(light),
         encoding="utf-8",
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from common.geometry import Array, Uncertain, covariance_intersection
 from common.ids import VertexId
@@ -34,7 +34,13 @@ class WindowSettings:
 
 
 class RouteLocalizer(Generic[Live, Submap]):
-    """Keeps the live robot located on a route with poses ``T_first_vertex`` (N, 4, 4) of its N vertices."""
+    """Keeps the live robot located on a route with poses ``T_first_vertex`` (N, 4, 4) of its N vertices.
+
+    Attributes:
+        metric: whether every coordinate of the robot's pose is measured.
+    """
+
+    metric: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -71,6 +77,10 @@ class RouteLocalizer(Generic[Live, Submap]):
         self.chain.start(index)
         around = self.chain.window(self._window.search, self._window.search)
         self._candidates = itertools.cycle(sorted(around, key=lambda i: abs(i - index)))
+
+    def actions(self) -> Array | None:
+        """Taught actions (K, 3) ``[metres ahead of the robot, m/s, rad/s]`` to be replayed, for maps that have them."""
+        return None
 
     def use(self, experiences: RouteExperiences) -> None:
         """Joins these experiences to the route's map from now on."""

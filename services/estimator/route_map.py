@@ -60,6 +60,10 @@ class RouteMap(Generic[Live, Submap]):
         if self._known is not None:
             self._ranking = self._known[1].ranking(now)
 
+    def own(self, index: int) -> Submap | None:
+        """The submap of the route's own vertex at a place, where it is at hand."""
+        return self._submap(self.vertices[index])
+
     def at(self, index: int) -> JointSubmap[Submap] | None:
         """The submap at a place of the route; None while the privileged vertex's own is not at hand."""
         own = self._submap(self.vertices[index])

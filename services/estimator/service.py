@@ -25,7 +25,7 @@ from services.estimator.relocalization import Finder
 from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
 from services.estimator.route_map import RouteMap
 from services.estimator.sensors import Sensor, sensor_of
-from services.estimator.sensors.sensor import FramePipeline, SensorFrame
+from services.estimator.sensors.sensor import FramePipeline, SensorFrame, TeachesActions
 from services.estimator.settings import Settings
 from services.estimator.submaps import SubmapCache
 from services.estimator.wheels import WheelMotion
@@ -56,6 +56,7 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._sensor = sensor
         self._frames = bus.subscribe(sensor.topic, sensor.name)
         self._wheels = bus.subscribe(topics.WHEEL_ODOMETRY)
+        self._safe = bus.subscribe(topics.SAFE)
         self._states = bus.subscribe(topics.STATE)
         self._routes = bus.subscribe(topics.ROUTE)
         self._odometry = bus.publisher(topics.ODOMETRY)
@@ -108,6 +109,8 @@ class Estimator(Generic[Frame, Live, Submap]):
     def _take(self, frame: Frame, state: m.State | None) -> None:
         """One frame through the stages that the state asks for."""
         pipeline = self._pipeline_of(frame)
+        if isinstance(pipeline, TeachesActions):
+            self._hand_command(pipeline, frame.stamp)
         step = pipeline.take(frame, self._driven(frame.stamp))
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
@@ -124,6 +127,13 @@ class Estimator(Generic[Frame, Live, Submap]):
         wheels = self._wheels.fresh()
         seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
         return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)
+
+    def _hand_command(self, pipeline: TeachesActions, stamp: int) -> None:
+        """Tells the pipeline what the base obeys now, and how long after the frame's stamp that is."""
+        command = self._safe.fresh()
+        if command is not None:
+            late = (m.now_ns() - stamp) * 1e-9
+            pipeline.obey(command.v, command.w, min(max(late, 0.0), self._sensor.topic.max_age_s))
 
     def _pipeline_of(self, frame: Frame) -> FramePipeline[Frame, Live, Submap]:
         """The pipeline of a frame's calibration; another calibration starts another one."""
@@ -223,6 +233,8 @@ class Estimator(Generic[Frame, Live, Submap]):
                 metres_since_success=chain.metres_since_success,
                 seconds_since_success=time.monotonic() - self._last_success,
                 reason=result.reason,
+                metric=localizer.metric,
+                actions=localizer.actions(),
             )
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from services.estimator.bearing.settings import BearingSettings
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
 from services.estimator.lidar.settings import LidarSettings
@@ -22,6 +23,7 @@ class Settings:
         scanner: name of the lidar's topic.
         stereo: the five stages of a stereo camera.
         lidar: the five stages of a spinning lidar.
+        bearing: teach and repeat by one camera's bearing and the wheels.
         chain: the localization chain.
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.
@@ -33,6 +35,7 @@ class Settings:
     scanner: str = "top"
     stereo: StereoSettings = field(default_factory=StereoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
+    bearing: BearingSettings = field(default_factory=BearingSettings)
     chain: ChainSettings = field(default_factory=ChainSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     experiences: ExperienceSettings = field(default_factory=ExperienceSettings)

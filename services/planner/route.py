@@ -12,6 +12,9 @@ from common.geometry import Array
 from common.ids import VertexId
 from common.posegraph import PoseGraph
 
+_ONE_WAY = "bearing"
+"""The sensor whose maps hold no poses to drive back by."""
+
 _LISTED = 8
 """Most names that a sentence lists."""
 
@@ -68,6 +71,7 @@ def plan(graph: PoseGraph, start: VertexId, goal: str, sensor: str) -> Plan:
         raise GraphError(
             f"no taught route leads from {start} to '{goal}' ({end}): {_reachable(graph, start, allowed)}"
         ) from None
+    _require_direction(graph, vertices)
     length = graph.length_along(vertices)
     maps = list(dict.fromkeys(vertex.map_id for vertex in vertices))
     return Plan(vertices, graph.poses_along(vertices), length, maps, _reason(vertices, length))
@@ -110,6 +114,21 @@ def _require_taught(graph: PoseGraph, vertex: VertexId, role: str, sensor: str) 
     taught_by = graph.experience(vertex.map_id).record.sensor
     if taught_by != sensor:
         raise GraphError(f"{role} {vertex} was taught by {taught_by}, and this robot localizes by {sensor}")
+
+
+def _require_direction(graph: PoseGraph, vertices: Sequence[VertexId]) -> None:
+    """Refuses a route against the direction in which a map was taught that replays what was commanded.
+
+    Looking ahead while it drives backwards, a robot that holds the heading it sees would leave the path, not meet it.
+    """
+    for before, after in itertools.pairwise(vertices):
+        if before.map_id != after.map_id or after.index > before.index:
+            continue
+        if graph.experience(before.map_id).record.sensor == _ONE_WAY:
+            raise GraphError(
+                f"the route from {vertices[0]} to {vertices[-1]} goes through map {before.map_id} against the direction "
+                "in which it was taught, and a map by bearing can only be repeated as it was taught: teach the way back"
+            )
 
 
 def _extent(graph: PoseGraph, map_id: str) -> str:

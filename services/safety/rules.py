@@ -77,6 +77,7 @@ class RuleSettings:
     """Limits of the rules: ages in seconds, distances in metres, angles in radians.
 
     The speed falls from its full limit at ``*_slow`` to ``slowest`` of it at ``*_stop``, beyond which the robot stops.
+    ``position_sigma`` bounds a metric position, ``distance_sigma`` the distance along a route that is all that is known.
     """
 
     command_age: float = 0.25
@@ -92,6 +93,7 @@ class RuleSettings:
     slowest: float = 0.3
     path_offset: float = 0.8
     position_sigma: float = 0.5
+    distance_sigma: float = 1.2
     heading_sigma: float = 0.35
 
 
@@ -111,9 +113,10 @@ class SafetyInputs:
 
     ``state`` is dotted, as in ``repeat.follow``. ``localization_age`` is that of the last word from the estimator;
     ``metres_since_success`` and ``seconds_since_success`` are what that word said, the latter brought up to now.
-    ``covariance`` (6, 6) is that of ``T_trunk_robot``, translation first. ``estop`` is why the emergency stop is
-    latched, None where it is not. ``missing`` names the needed services that are not present. ``rearming`` is set by
-    the monitor after an emergency stop, until a moment without a command to move has passed.
+    ``covariance`` (6, 6) is that of ``T_trunk_robot``, translation first; where the localization is not ``metric``,
+    only the distance along the route (x) and the heading are measured, and only they are judged. ``estop`` is why the
+    emergency stop is latched, None where it is not. ``missing`` names the needed services that are not present.
+    ``rearming`` is set by the monitor after an emergency stop, until a moment without a command to move has passed.
     """
 
     state: str | None = None
@@ -127,6 +130,7 @@ class SafetyInputs:
     seconds_since_success: float | None = None
     path_offset: float | None = None
     covariance: Array | None = None
+    metric: bool = True
     estop: str | None = None
     missing: tuple[str, ...] = field(default=())
     rearming: bool = False
@@ -278,6 +282,8 @@ def _seconds_slow(inputs: SafetyInputs, settings: RuleSettings) -> str | None:
 
 
 def _path_offset(inputs: SafetyInputs, settings: RuleSettings) -> str | None:
+    if not inputs.metric:
+        return None
     if inputs.path_offset is None:
         return "The offset from the path is unknown."
     if abs(inputs.path_offset) <= settings.path_offset:
@@ -289,10 +295,12 @@ def _uncertain(inputs: SafetyInputs, settings: RuleSettings) -> str | None:
     covariance = inputs.covariance
     if covariance is None or covariance.shape != (6, 6) or not np.isfinite(covariance).all():
         return "The covariance of the robot's pose is unknown or not finite."
-    variance = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+    in_plane = covariance[:2, :2] if inputs.metric else covariance[:1, :1]
+    variance = float(np.linalg.eigvalsh(in_plane)[-1])
     position, heading = math.sqrt(max(variance, 0.0)), math.sqrt(max(float(covariance[5, 5]), 0.0))
-    if position > settings.position_sigma:
-        return f"The position is uncertain by {position:.2f} m (1 sigma); the limit is {settings.position_sigma:.2f} m."
+    what, limit = ("position", settings.position_sigma) if inputs.metric else ("distance", settings.distance_sigma)
+    if position > limit:
+        return f"The {what} is uncertain by {position:.2f} m (1 sigma); the limit is {limit:.2f} m."
     if heading > settings.heading_sigma:
         return (
             f"The heading is uncertain by {heading:.2f} rad (1 sigma); the limit is {settings.heading_sigma:.2f} rad."

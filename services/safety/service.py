@@ -142,6 +142,7 @@ class Safety:
             seconds_since_success=_seconds_since_success(located, now),
             path_offset=None if located is None else float(located.message.T_trunk_robot[1, 3]),
             covariance=None if located is None else located.message.covariance,
+            metric=located is None or located.message.metric,
             estop=self._stop.reason,
             missing=self._missing(motion),
         )

@@ -26,6 +26,7 @@ from common.messages import (
 from common.service import Service
 from services.tracker.follower import PathFollower, TrackerOutput
 from services.tracker.predict import StatePredictor
+from services.tracker.replay import ActionReplay, Motion
 from services.tracker.settings import Settings
 
 _STATUS_PERIOD_S = 1.0 / topics.TRACKER_STATUS.rate_hz
@@ -66,6 +67,8 @@ class Tracker:
         self._desired = bus.publisher(topics.DESIRED)
         self._status = bus.publisher(topics.TRACKER_STATUS)
         self._follower = PathFollower(self._settings.follower)
+        limits, caution = self._settings.follower.limits, self._settings.follower.caution
+        self._replay = ActionReplay(limits, caution, self._settings.replay)
         self._predictor = StatePredictor(self._settings.base)
         self._followed: Follow | None = None
         self._problem = ""
@@ -119,7 +122,7 @@ class Tracker:
             except (ValueError, ArithmeticError) as error:
                 problem = f"this localization cannot be used: {error}"
         if output is None:
-            self._follower.reset_command()
+            self._reset_command()
         self._command(output, 0 if localization is None else localization.message.stamp)
         self._report(now, state.route, output, problem)
 
@@ -151,32 +154,44 @@ class Tracker:
         try:
             with self._service.stage("route"):
                 self._follower.set_route(route.path)
+                self._replay.set_route(route.path)
         except (ValueError, ArithmeticError) as error:
             return f"the route cannot be followed: {error}"
-        self._follower.reset_command()
+        self._reset_command()
         return ""
 
     def _follow(self, now: float, received: Received[Localization]) -> TrackerOutput:
         """The command from the last localization, moved forward to when the command will act."""
         self._yield_to_safety()
         localization = received.message
-        T, v, w = self._predictor.predict(localization.T_trunk_robot, _taken_at(received), now)
-        return self._follower.update(
-            localization.trunk_index,
-            T,
-            localization.covariance,
-            v,
-            w,
+        since_success = (
             localization.metres_since_success,
             localization.seconds_since_success + now - received.arrival,
-            min(max(now - self._last_command, 1e-3), _LONGEST_STEP_S),
         )
+        dt = min(max(now - self._last_command, 1e-3), _LONGEST_STEP_S)
+        place = localization.trunk_index, localization.T_trunk_robot, localization.covariance
+        if localization.actions is not None:
+            return self._replay.update(*place, localization.actions, self._motion(now, received), *since_success, dt)
+        T, v, w = self._predictor.predict(localization.T_trunk_robot, _taken_at(received), now)
+        return self._follower.update(localization.trunk_index, T, localization.covariance, v, w, *since_success, dt)
+
+    def _motion(self, now: float, received: Received[Localization]) -> Motion:
+        """What the robot did since the frame of a localization, and will have done when a command acts."""
+        taken = _taken_at(received)
+        T_frame_now, _, _ = self._predictor.predict(np.eye(4), taken, now - self._settings.base.delay)
+        T_frame_acting, v, w = self._predictor.predict(np.eye(4), taken, now)
+        return Motion(T_frame_now, T_frame_acting, v, w)
+
+    def _reset_command(self, v: float = 0.0, w: float = 0.0) -> None:
+        """Both ways to follow a route start from this command."""
+        self._follower.reset_command(v, w)
+        self._replay.reset_command(v, w)
 
     def _yield_to_safety(self) -> None:
         """While safety holds the robot, starts from what it really does, so that no speed builds up unseen."""
         status, safe = self._safety.fresh(), self._safe.fresh()
         if status is not None and safe is not None and not status.passing:
-            self._follower.reset_command(safe.v, safe.w)
+            self._reset_command(safe.v, safe.w)
 
     # --- out ---------------------------------------------------------------------------------------------------------
 

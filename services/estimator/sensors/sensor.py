@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from common.geometry import Array, Uncertain
 from common.topics import Topic
@@ -38,6 +38,15 @@ class FramePipeline(Pipeline[Live, Submap], Protocol[Frame_contra, Live, Submap]
 
     def close(self) -> None:
         """Ends its threads."""
+        ...
+
+
+@runtime_checkable
+class TeachesActions(Protocol):
+    """A pipeline that keeps what the robot was commanded while it was taught."""
+
+    def obey(self, v: float, w: float, later: float) -> None:
+        """Takes the command (m/s, rad/s) that the base obeys ``later`` seconds after the next frame was taken."""
         ...
 
 

@@ -27,9 +27,9 @@ def vertex(number: int, index: int) -> VertexId:
     return VertexId(map_id(number), index)
 
 
-def add_map(graph: PoseGraph, number: int, steps: list[float], generation: int = 0) -> None:
+def add_map(graph: PoseGraph, number: int, steps: list[float], generation: int = 0, sensor: str = "stereo") -> None:
     record = MapRecord(
-        id=map_id(number), environment="yard", stamp=number, robot="r1", sensor="stereo", generation=generation,
+        id=map_id(number), environment="yard", stamp=number, robot="r1", sensor=sensor, generation=generation,
         parent=map_id(0) if generation else None,
     )  # fmt: skip
     graph.add_experience(record)
@@ -196,3 +196,13 @@ def _brute_force(graph: PoseGraph, vertex: VertexId, goal: VertexId, seen: froze
     further = [n for n in graph.neighbours(vertex) if n not in seen]
     lengths = [graph.edge(vertex, n).length + _brute_force(graph, n, goal, seen | {vertex}) for n in further]
     return min(lengths, default=math.inf)
+
+
+def test_a_map_by_bearing_is_only_driven_as_it_was_taught() -> None:
+    graph = PoseGraph("yard")
+    add_map(graph, 0, [1.0] * 4, sensor="bearing")
+    graph.name_place("dock", vertex(0, 0))
+    graph.name_place("barn", vertex(0, 4))
+    assert plan(graph, vertex(0, 1), "barn", "bearing").vertices == [vertex(0, index) for index in range(1, 5)]
+    with pytest.raises(GraphError, match="can only be repeated as it was taught"):
+        plan(graph, vertex(0, 4), "dock", "bearing")

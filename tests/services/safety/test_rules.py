@@ -106,6 +106,29 @@ def test_each_single_fault_stops_the_robot_for_its_own_reason(change, cause):
     assert verdict.effect is (Effect.EMERGENCY if cause is Cause.EMERGENCY_STOP else Effect.STOP)
 
 
+BY_BEARING = replace(FOLLOWING, metric=False, path_offset=0.0, covariance=np.diag([0.3, 1.0, 1, 1, 1, 0.05]) ** 2)
+
+
+def test_where_the_lateral_offset_is_not_measured_only_distance_and_heading_are_judged():
+    assert evaluate(BY_BEARING, SETTINGS).reasons == ()
+    assert evaluate(replace(BY_BEARING, path_offset=5.0), SETTINGS).reasons == ()
+    assert causes(replace(BY_BEARING, metric=True)) == {Cause.UNCERTAIN}
+
+
+@pytest.mark.parametrize(("sigmas", "what"), [((1.3, 0.05), "distance"), ((0.3, 0.4), "heading")])
+def test_distance_and_heading_of_a_bearing_map_have_their_limits(sigmas, what):
+    uncertain = replace(BY_BEARING, covariance=np.diag([sigmas[0], 1.0, 1, 1, 1, sigmas[1]]) ** 2)
+    (reason,) = evaluate(uncertain, SETTINGS).reasons
+    assert reason.cause is Cause.UNCERTAIN
+    assert what in reason.sentence
+
+
+def test_what_a_bearing_map_measures_must_still_be_known():
+    assert causes(replace(BY_BEARING, covariance=None)) == {Cause.UNCERTAIN}
+    assert causes(replace(BY_BEARING, localization_age=0.6)) == {Cause.LOCALIZATION_STALE}
+    assert causes(replace(BY_BEARING, metres_since_success=10.1)) == {Cause.METRES_UNLOCALIZED}
+
+
 def test_every_cause_of_the_table_was_provoked():
     assert {rule.cause for rule in RULES} == {cause for _, cause in OBJECTIONS} == set(Cause)
 

@@ -27,6 +27,8 @@ class World:
     trunk: int = 2
     offset: float = 0.3
     speed: float = 0.0
+    heading: float = 0.0
+    actions: list | None = None
 
 
 class Crew:
@@ -53,8 +55,9 @@ class Crew:
         self.localizations.put(
             Localization(
                 stamp=stamp, route=world.localized_on, trunk=VertexId(MAP, world.trunk), trunk_index=world.trunk,
-                T_trunk_robot=from_xy_yaw(0.0, world.offset, 0.0), covariance=1e-4 * np.eye(6), success=True,
-                stream="plain", inliers=100, metres_since_success=0, seconds_since_success=0,
+                T_trunk_robot=from_xy_yaw(0.0, world.offset, world.heading), covariance=1e-4 * np.eye(6),
+                success=True, stream="plain", inliers=100, metres_since_success=0, seconds_since_success=0,
+                metric=world.actions is None, actions=world.actions,
             )
         )  # fmt: skip
 
@@ -105,6 +108,20 @@ def test_it_steers_to_the_route_and_names_the_frame(crew):
     while crew.desired.poll():
         pass
     assert crew.desired.wait(0.3) is None
+
+
+def test_taught_actions_are_replayed_with_the_heading_corrected(crew):
+    actions = [[metres, 0.4, 0.1] for metres in np.arange(-0.5, 2.0, 0.1)]
+    crew.send_route("route6")
+    crew.follow("route6", offset=0.7, heading=0.0, actions=actions)
+    crew.until(lambda command: command.v == pytest.approx(0.4) and command.w == pytest.approx(0.1, abs=0.03), "replay")
+    crew.world.heading = 0.2
+    crew.until(lambda command: command.v == pytest.approx(0.4) and command.w < 0.06, "a turn back to the right")
+    status = crew.until_status(lambda status: status.heading_error > 0.15, "its heading error")
+    assert status.lateral_error == 0.0
+    crew.world.actions = [[0.0, 0.0, 0.0]]
+    crew.until(lambda command: command.v == command.w == 0.0, "it stands where nothing was taught")
+    assert "no taught action" in crew.until_status(lambda status: "action" in status.reason, "a reason").reason
 
 
 @pytest.mark.parametrize(
