@@ -126,8 +126,8 @@ def _require_direction(graph: PoseGraph, vertices: Sequence[VertexId]) -> None:
             continue
         if graph.experience(before.map_id).record.sensor == _ONE_WAY:
             raise GraphError(
-                f"the route from {vertices[0]} to {vertices[-1]} goes through map {before.map_id} against the direction "
-                "in which it was taught, and a map by bearing can only be repeated as it was taught: teach the way back"
+                f"the route from {vertices[0]} to {vertices[-1]} goes against the direction in which {before.map_id} "
+                "was taught, and a map by bearing can only be repeated as it was taught: teach the way back"
             )
 
 

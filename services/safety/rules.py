@@ -77,7 +77,7 @@ class RuleSettings:
     """Limits of the rules: ages in seconds, distances in metres, angles in radians.
 
     The speed falls from its full limit at ``*_slow`` to ``slowest`` of it at ``*_stop``, beyond which the robot stops.
-    ``position_sigma`` bounds a metric position, ``distance_sigma`` the distance along a route that is all that is known.
+    ``position_sigma`` bounds a metric position, ``distance_sigma`` the distance along a route by bearing alone.
     """
 
     command_age: float = 0.25

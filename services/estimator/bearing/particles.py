@@ -92,6 +92,12 @@ class ParticleFilter:
         self.metres = self.metres + metres + s.distance_noise * noise[0]
         self.heading = self.heading + turn - (yaw(self.metres) - before) + s.heading_noise * noise[1]
 
+    def blur(self, metres: float, heading: float) -> None:
+        """Knows less, by standard deviations of distance and heading offset, of a motion that nothing measured."""
+        noise = self._rng.standard_normal((2, len(self.metres)))
+        self.metres = self.metres + metres * noise[0]
+        self.heading = self.heading + heading * noise[1]
+
     def weigh(self, similarity: Array, metres: float) -> None:
         """Weighs by the similarity (N,) at each particle, and draws anew where few particles are left that weigh.
 

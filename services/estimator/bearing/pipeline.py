@@ -26,8 +26,10 @@ NO_WHEELS = "no wheel odometry arrives: bearing-only teach and repeat counts its
 UNMEASURED_M = 1.0
 """Standard deviation of the lateral offset, metres: nothing measures it, and no rule may rely on it."""
 
+_FRAME_S = 0.1
 _TILT = 0.05
-_NOWHERE = 1.0
+_UNKNOWN = np.array([1.0, 0.1, 0.1, 0.1, 0.1, 0.5])
+"""Standard deviations of a second's motion that nothing measured, metres and radians."""
 
 
 class BearingPipeline:
@@ -63,7 +65,7 @@ class BearingPipeline:
         seconds = 0.0 if self._last_stamp is None else (frame.stamp - self._last_stamp) * 1e-9
         self._last_stamp = frame.stamp
         self._frames += 1
-        motion = prior or Uncertain(np.eye(4), np.eye(6) * _NOWHERE**2)
+        motion = prior or Uncertain(np.eye(4), np.diag((_UNKNOWN * max(seconds, _FRAME_S)) ** 2))
         metres, turn = float(motion.T[0, 3]), float(geometry.yaw_of(motion.T))
         self._remember(metres, turn, seconds)
         return Step(

@@ -86,12 +86,19 @@ class BearingRouteLocalizer(RouteLocalizer[BearingLive, BearingSubmap]):
     def move(self, step: Step[BearingLive]) -> None:
         """Takes a frame's wheel odometry along without looking at its image."""
         super().move(step)
+        if not step.success:
+            unknown = np.sqrt(np.diagonal(step.T_last_live.covariance))
+            self._particles.blur(float(unknown[0]), float(unknown[5]))
+            self._since_weighed += float(unknown[0])
+            return
         direction = self._taught.direction_at(self._particles.estimate().metres)
         self._particles.predict(direction * step.live.metres, step.live.turn, self._taught.yaw_at)
         self._since_weighed += abs(step.live.metres)
 
     def follow(self, step: Step[BearingLive]) -> Localized:
         """Weighs the particles by a frame's image, whose wheel odometry was taken."""
+        if not step.success:
+            return self._missing(step.reason)
         before = self._particles.estimate()
         reach = max(_SPREAD * before.sigmas[0], self._bearing.distance)
         window = self._images_between(step.live, before.metres - reach, before.metres + reach)

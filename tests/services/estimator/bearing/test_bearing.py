@@ -9,6 +9,7 @@ from common.messages import CameraFrame
 from services.estimator.bearing import BearingSettings
 from services.estimator.bearing.actions import ActionLog, along
 from tests.services.estimator.bearing.forest import (
+    FRAME_NS,
     MAP,
     Forest,
     curve,
@@ -139,6 +140,25 @@ def test_without_wheels_there_is_a_sentence_and_no_vertex():
         step = through.take(CameraFrame(stamp=k, image=FOREST.image(*POSES[k])), None)
         assert not step.success
         assert "wheel odometry" in step.reason
+
+
+def test_wheels_that_fall_silent_on_the_way_end_localization_with_a_sentence_until_they_are_back(lesson):
+    through = pipeline()
+    found, pictures = localizer(*lesson, through), images(POSES[:60])
+    for step in steps(through, pictures[:30], POSES[:30]):
+        found.move(step)
+        found.follow(step) if found.chain.localized else found.search(step)
+    for k in range(30, 34):
+        step = through.take(CameraFrame(stamp=k * FRAME_NS, image=pictures[k]), None)
+        found.move(step)
+        result = found.follow(step)
+        assert not result.success
+        assert "wheel odometry" in result.reason
+    for step in steps(through, pictures[33:], POSES[33:60], first=34):
+        found.move(step)
+        result = found.follow(step)
+    assert result.success
+    assert distance(found, lesson[1]) == pytest.approx(5.9, abs=0.4)
 
 
 def test_submaps_that_are_not_here_yet_are_waited_for(lesson):
