@@ -16,6 +16,7 @@ from cli.commands import (
     play,
     position,
     ps,
+    record,
     repeat,
     state,
     teach,
@@ -41,7 +42,7 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
             state.state,
         ),
     ),
-    (DATA, (play.play, odometry.odometry, localize.localize, align.align, leave_one_out)),
+    (DATA, (play.play, record.record, odometry.odometry, localize.localize, align.align, leave_one_out)),
 )
 
 app = typer.Typer(
