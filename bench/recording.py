@@ -47,19 +47,21 @@ def main() -> None:
             route = story.route()
             story.teach(route[: max(2, int(len(route) * _METRES / _length(route)))], DriverSettings())
             seconds = time.monotonic() - began
-            rows = [
-                [name, (_cpu(process) - before[name]) / seconds, process.memory_info().rss / 1e6]
-                for name, process in watched.items()
-            ]
-            answer = json.loads(_end(recording))
+            spent = {name: (_cpu(process) - before[name]) / seconds for name, process in watched.items()}
+            memory = {name: process.memory_info().rss / 1e6 for name, process in watched.items()}
+            answer, dropped = json.loads(_end(recording)), json.loads(_end(peer))
         decoded = _decoded(folder / "bag")
     total = sum(answer["messages"].values())
     rate = answer["bytes"] / answer["seconds"] / 1e6
     table.show(
         f"Recording the demo for {seconds:.0f} s of a teach, all topics",
-        ["process", "CPU, cores", "memory, MB"],
-        rows,
-        f"{total} messages of ours, {rate:.1f} MB/s, {decoded} decoded by their schemas; lost: {answer['lost'] or 'none'}",
+        ["process", "CPU, cores", "memory, MB", "lost"],
+        [
+            [name, spent[name], memory[name], ", ".join(f"{key} {n}" for key, n in lost.items()) or "nothing"]
+            for name, lost in zip(watched, (answer["lost"], dropped), strict=True)
+        ],
+        f"{total} messages of ours, {rate:.1f} MB/s; {decoded} messages in the file decode by their schemas. What both "
+        "lost never left its sender or the router.",
     )
 
 
@@ -105,12 +107,15 @@ def _end(process: subprocess.Popen[bytes]) -> str:
 
 
 def _receive(folder: Path) -> None:
-    """Takes every sample and drops it, until this process is killed."""
+    """Takes every sample and drops it until SIGINT, and says what was lost."""
+    stop = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: stop.set())
     with client.connect(robot.load(folder / "robot.toml"), "bench") as bus:
         tap = bus.tap(recorder.choose([]))
-        while not threading.Event().wait(0.02):
+        while not stop.wait(0.02):
             while tap.take() is not None:
                 pass
+        sys.stdout.write(json.dumps(+tap.lost))
 
 
 if __name__ == "__main__":

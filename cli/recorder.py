@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import threading
 import time
 from collections import Counter
@@ -23,6 +25,9 @@ PROCESS = "recorder"
 _POLL_S = 0.02
 """Samples are taken this often: a thread that woke for each would cost more than their writing."""
 _FLUSH_S = 1.0
+
+_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1
+"""glibc's names of two of its allocator's settings (malloc.h)."""
 
 OnTick = Callable[["Recorded"], None]
 
@@ -72,6 +77,7 @@ class BusRecorder:
         Raises:
             RecordingError: there is no space, or a file cannot be written.
         """
+        _keep_freed_memory()
         flushed = time.monotonic()
         stopping = False
         while not stopping:
@@ -104,3 +110,14 @@ class BusRecorder:
                 self._tap.refused[sample.key] += 1
             else:
                 self._counts[sample.key] += 1
+
+
+def _keep_freed_memory() -> None:
+    """Has the C library keep what is freed: fetching the pages of each frame's copies anew costs as much as writing it.
+
+    Another C library than glibc has no such settings.
+    """
+    with contextlib.suppress(AttributeError, OSError):
+        library = ctypes.CDLL(None)
+        library.mallopt(_MMAP_THRESHOLD, 32 << 20)
+        library.mallopt(_TRIM_THRESHOLD, 256 << 20)

@@ -1,8 +1,8 @@
 """Our own messages in MCAP: JSON, or msgpack where arrays make up the message.
 
 Both have a JSON schema that is derived from the message's model. In JSON an array is nested lists, and every float
-has the digits that bring it back to the last bit. In msgpack an array is ``{"dtype", "shape", "data"}``: numpy's name of
-the elements, and their bytes in C order.
+has the digits that bring it back to the last bit. In msgpack an array is ``{"dtype", "shape", "data"}``: numpy's
+name of the elements, and their bytes in C order.
 """
 
 from __future__ import annotations

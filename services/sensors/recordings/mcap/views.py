@@ -9,6 +9,7 @@ route that is being followed, and ``world`` that of the synthetic world's truth.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
@@ -18,7 +19,7 @@ import numpy as np
 from foxglove import messages as fox
 from numpy.typing import NDArray
 
-from common import geometry, topics
+from common import topics
 from common.geometry import Array
 from common.lidar import organised_scan
 from common.messages import (
@@ -193,11 +194,17 @@ def _cloud(scan: LidarScan, time: fox.Timestamp, frame: str) -> WellKnown:
 
 def _parts(T: Array) -> tuple[fox.Vector3, fox.Quaternion]:
     """Position and orientation of a transform (4, 4)."""
-    phi = geometry.so3_log(T[:3, :3])
-    angle = float(np.linalg.norm(phi))
-    x, y, z = phi * (np.sin(angle / 2.0) / angle if angle > 0.0 else 0.5)
-    px, py, pz = T[:3, 3]
-    return fox.Vector3(x=px, y=py, z=pz), fox.Quaternion(x=x, y=y, z=z, w=np.cos(angle / 2.0))
+    (xx, xy, xz, px), (yx, yy, yz, py), (zx, zy, zz, pz) = T[:3].tolist()
+    # Shepperd's method, in plain numbers: arrays of three cost more than all the rest of a message.
+    w, x, y, z = max(
+        (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz),
+        key=lambda row: math.hypot(*row),
+    )
+    norm = math.hypot(w, x, y, z)
+    return fox.Vector3(x=px, y=py, z=pz), fox.Quaternion(x=x / norm, y=y / norm, z=z / norm, w=w / norm)
 
 
 def _pose(T: Array) -> fox.Pose:

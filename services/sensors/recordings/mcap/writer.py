@@ -26,8 +26,8 @@ from services.sensors.recordings.images import RecordingError
 from services.sensors.recordings.mcap import views
 from services.sensors.recordings.mcap.encoding import SCHEMA_ENCODING, Encoder, encoding_of, schema_name, schema_of
 
-CHUNK_BYTES = 4_000_000
-"""Two or three stereo pairs of 640x400; what is lost by a kill is bounded by time as well."""
+CHUNK_BYTES = 1_000_000
+"""A chunk ends with the message that exceeds this."""
 
 CONFIGURATION = "robot.toml"
 """The attachment that holds the robot's configuration."""
