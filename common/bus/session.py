@@ -41,6 +41,10 @@ _SWITCH_INTERVAL_S = 0.0005
 _LEASE_MS = 3000
 """Silence after which a link is given up: a starved process is not a dead one, and one that hangs shows by its data."""
 
+_QUEUES = ("real_time", "interactive_high", "data", "background")
+_QUEUE_BATCHES = 16
+"""Of 64 kB, for each priority: a receiver that is not scheduled for some milliseconds costs no sample."""
+
 _REQUESTS_WAITING = 256
 
 _LATER = "later\n"
@@ -66,6 +70,7 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: fl
         "timestamping/enabled": True,
         "transport/link/tx/lease": _LEASE_MS,
     }
+    settings |= {f"transport/link/tx/queue/size/{priority}": _QUEUE_BATCHES for priority in _QUEUES}
     if mode == "client":
         settings["connect/timeout_ms"] = -1 if timeout is None else round(timeout * 1000)
         settings["connect/exit_on_failure"] = timeout is not None
