@@ -18,6 +18,7 @@ from cli.commands import (
     ps,
     record,
     repeat,
+    replay_diff,
     state,
     teach,
     up,
@@ -42,7 +43,18 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
             state.state,
         ),
     ),
-    (DATA, (play.play, record.record, odometry.odometry, localize.localize, align.align, leave_one_out)),
+    (
+        DATA,
+        (
+            play.play,
+            record.record,
+            replay_diff.replay_diff,
+            odometry.odometry,
+            localize.localize,
+            align.align,
+            leave_one_out,
+        ),
+    ),
 )
 
 app = typer.Typer(
