@@ -14,6 +14,7 @@ from services.sensors.recordings import (
     open_lidar_recording,
     open_recording,
 )
+from services.sensors.recordings.mcap import is_mcap_recording
 from services.sensors.recordings.opening import Names
 from services.sensors.recordings.ros import is_bag
 from services.sensors.recordings.timeline import LidarTimeline, StereoTimeline, Timeline
@@ -60,7 +61,7 @@ def open_slice(path: Path, frames: str, option: str, names: Names) -> Timeline:
         RecordingError: the folder is no recording that can be read.
         CommandError: ``frames`` is no slice or chooses fewer than two frames, or the recording is none of frames.
     """
-    if is_bag(path) or path.suffix == ".mcap":
+    if is_bag(path) or is_mcap_recording(path):
         raise CommandError(
             f"{option} chooses of a folder's frames: of a bag or an MCAP choose by --start and --duration"
         )

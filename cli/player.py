@@ -31,6 +31,9 @@ _POLL_S = 0.1
 _LONGEST_DELAY_NS = 2_000_000_000
 """From a stamp to the recording of its message; what is longer, or negative, is the difference between two clocks."""
 
+_FASTEST = 100.0
+"""Metres or radians a second: wheels report no more."""
+
 OnMessage = Callable[[], None]
 
 
@@ -170,7 +173,7 @@ class Player:
         stamp = now_ns() - (round(delay / rate) if 0 <= delay <= _LONGEST_DELAY_NS else 0)
         changes: dict[str, Any] = {"stamp": stamp}
         if rate != 1.0 and isinstance(message, WheelOdometry):
-            changes |= {"v": message.v * rate, "w": message.w * rate}
+            changes |= {name: _bounded(getattr(message, name) * rate) for name in ("v", "w")}
         elif rate != 1.0 and isinstance(message, LidarScan):
             changes["offsets"] = message.offsets / rate
         return stamp, changes
@@ -214,6 +217,11 @@ class Player:
     def _state(self) -> State | None:
         received = self._states.last()
         return None if received is None else received.message
+
+
+def _bounded(speed: float) -> float:
+    """A speed that a message can hold."""
+    return max(-_FASTEST, min(_FASTEST, speed))
 
 
 def check_part(recording: Timeline, part: Part) -> None:

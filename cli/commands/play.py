@@ -130,5 +130,5 @@ def _described(recording: "Timeline") -> str:
     sources = getattr(getattr(recording, "plan", None), "sources", {})
     lines += [f"  {source} is played as {key}" for source, key in sources.items()]
     if not getattr(recording, "whole", True):
-        lines.append("  the recorder was killed: what came until then is there")
+        lines.append("  the recorder was cut short: what came until then is there")
     return "\n".join(lines)

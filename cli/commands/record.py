@@ -55,8 +55,9 @@ def record(
 
 
 def _lost(recorded: "Recorded") -> str:
-    lost = sum(recorded.lost.values())
-    return f"{lost} lost" if lost else "none lost"
+    """What never came, as gaps in the senders' numbers tell, in words."""
+    lost = ", ".join(f"{count} of {key}" for key, count in sorted(recorded.lost.items()))
+    return f"lost: {lost}" if lost else "none lost"
 
 
 def _stop_after(seconds: float | None) -> threading.Event:

@@ -31,6 +31,9 @@ def replay_diff(
     tolerance: Annotated[
         float, typer.Option(min=0.0, help="Metres, radians, or part of a number, that count as none.")
     ] = 1e-6,
+    ignore: Annotated[
+        str | None, typer.Option(metavar="FIELDS", help="Fields that may differ, as inliers,reason.")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Keep what the replay said, as an MCAP here.")
     ] = None,
@@ -49,7 +52,7 @@ def replay_diff(
 
     if second is not None and (output is not None or store is not None or config is not None):
         raise CommandError("--output, --store and --config are those of a replay: leave B out")
-    keys = frozenset(key.strip() for key in (topics or "").split(",") if key.strip())
+    keys, ignored = _names(topics), _names(ignore)
     recording = open_mcap(first.expanduser())
     if second is None:
         pair = _replayed(recording, store, config, output, keys)
@@ -63,7 +66,7 @@ def replay_diff(
         pair = [e for e in pair[0] if e.key in shared], [e for e in pair[1] if e.key in shared]
     if not pair[0] and not pair[1]:
         raise CommandError("there is nothing to compare: the recordings share no topic of a service")
-    report = compare.compare(*pair, tolerance)
+    report = compare.compare(*pair, tolerance, ignored)
     emit(report.as_dict(), _text(report), as_json=as_json)
     if not report.agree:
         raise typer.Exit(PARTED)
@@ -88,6 +91,11 @@ def _replayed(
         if output is not None:
             run.write(replayed, output.expanduser().absolute(), configuration)
     return recorded, [entry for entry in replayed if entry.key in said]
+
+
+def _names(text: str | None) -> frozenset[str]:
+    """The names in a list with commas."""
+    return frozenset(name.strip() for name in (text or "").split(",") if name.strip())
 
 
 def _text(report: "Report") -> "RenderableType":

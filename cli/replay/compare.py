@@ -90,11 +90,13 @@ def entries_of(recording: McapTimeline, keys: frozenset[str]) -> list[Entry]:
     return [found.entry for found in recording.recorded(wanted)]
 
 
-def compare(first: Iterable[Entry], second: Iterable[Entry], tolerance: float) -> Report:
+def compare(
+    first: Iterable[Entry], second: Iterable[Entry], tolerance: float, ignored: frozenset[str] = frozenset()
+) -> Report:
     """Compares two runs' messages by topic and stamp.
 
     Numbers differ where they do by more than ``tolerance`` times one plus their size; transforms where the motion
-    between them is longer than that in metres or radians.
+    between them is longer than that in metres or radians. Fields of the names ``ignored`` are left out.
     """
     report = Report(tolerance)
     runs = _by_key(first), _by_key(second)
@@ -110,7 +112,7 @@ def compare(first: Iterable[Entry], second: Iterable[Entry], tolerance: float) -
             words = ("there", "missing") if stamp in a else ("missing", "there")
             parted.append((alone.time_ns, FirstDifference(key, stamp[0], _since(alone, began), "message", *words)))
         for stamp in both:
-            found = _compare_message(a[stamp].message, b[stamp].message, row, stamp[0], tolerance)
+            found = _compare_message(a[stamp].message, b[stamp].message, row, stamp[0], (tolerance, ignored))
             if found is not None:
                 parted.append((a[stamp].time_ns, FirstDifference(key, stamp[0], _since(a[stamp], began), *found)))
     if parted:
@@ -135,12 +137,13 @@ def _by_key(entries: Iterable[Entry]) -> dict[str, dict[tuple[int, int], Entry]]
 
 
 def _compare_message(
-    a: Message, b: Message, row: TopicReport, stamp: int, tolerance: float
+    a: Message, b: Message, row: TopicReport, stamp: int, judge: tuple[float, frozenset[str]]
 ) -> tuple[str, str, str] | None:
     """Notes every field's difference; the name and the two values of the first that is beyond the tolerance."""
+    tolerance, ignored = judge
     first: tuple[str, str, str] | None = None
     for name, x, y in _fields("", a, b):
-        if name.rpartition(".")[2] in _CLOCK_FIELDS:
+        if name.rpartition(".")[2] in _CLOCK_FIELDS | ignored:
             continue
         for unit, size, allowed in _differences(name, x, y, tolerance):
             noted = row.fields.setdefault(f"{name} [{unit}]" if unit else name, Difference(unit))

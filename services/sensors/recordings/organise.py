@@ -58,7 +58,7 @@ def _organise(scan: LidarScan, distance: Array, azimuth: Array, layers: list[Arr
     turn = np.angle(np.exp(1j * (azimuth[seen] - azimuth[seen[0]])))
     # Which way it turns follows from most of the steps between points that were fired one after the other on a ring.
     forward = np.sign(np.median([np.median(_steps(turn[rings == ring])) for ring in np.unique(rings)])) or 1.0
-    column = np.floor(np.mod(forward * turn, 2.0 * np.pi) / (2.0 * np.pi) * columns).astype(np.int64) % columns
+    column = np.rint(np.mod(forward * turn, 2.0 * np.pi) / (2.0 * np.pi) * columns).astype(np.int64) % columns
     order = np.argsort(-distance[seen], kind="stable")
     made = [np.zeros((beams, columns)) for _ in layers]
     for target, layer in zip(made, layers, strict=True):

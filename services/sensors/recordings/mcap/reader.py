@@ -134,7 +134,9 @@ def open_mcap(path: Path) -> McapTimeline:
     Raises:
         RecordingError: it is none, or the folder holds several.
     """
-    files = [path] if path.is_file() else sorted(path.glob("*.mcap"))
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    if not files or not files[0].exists():
+        raise RecordingError(f"there is no recording at {path}: check its path")
     recordings = sorted({file.stem.rpartition("_")[0] for file in files})
     if len(recordings) > 1:
         raise RecordingError(f"{path} holds {len(recordings)} recordings: give one of their files, as {files[0].name}")
