@@ -16,7 +16,9 @@ from cli.commands import (
     play,
     position,
     ps,
+    record,
     repeat,
+    replay_diff,
     state,
     teach,
     up,
@@ -41,7 +43,18 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
             state.state,
         ),
     ),
-    (DATA, (play.play, odometry.odometry, localize.localize, align.align, leave_one_out)),
+    (
+        DATA,
+        (
+            play.play,
+            record.record,
+            replay_diff.replay_diff,
+            odometry.odometry,
+            localize.localize,
+            align.align,
+            leave_one_out,
+        ),
+    ),
 )
 
 app = typer.Typer(
