@@ -69,7 +69,6 @@ class CameraDriver:
         """Publishes pairs of opened devices until one fails or the service stops."""
         self._check_size(first := _first(capture))
         log.info("the cameras deliver", devices=list(self._cameras.devices), width=first.left.shape[1])
-        self._reported.clear()
         for _ in self._when_due(capture):
             with self._service.stage("retrieve"):
                 pair = capture.retrieve()

@@ -52,7 +52,9 @@ def calibrate_camera(
         )
     except cv2.error:
         raise CalibrationError(_undetermined(side)) from None
-    lens = Lens.of(np.asarray(matrix, dtype=np.float64), np.asarray(distortion).ravel()[:coefficients])
+    lens = Lens.of(
+        np.asarray(matrix, dtype=np.float64), np.asarray(distortion, dtype=np.float64).ravel()[:coefficients]
+    )
     poses = np.concatenate([np.asarray(rotations).reshape(-1, 3), np.asarray(translations).reshape(-1, 3)], axis=1)
     ratio = np.array([lens.fx, lens.fy]) / size[0]
     if not (np.isfinite(poses).all() and (_PLAUSIBLE[0] < ratio).all() and (ratio < _PLAUSIBLE[1]).all()):
