@@ -27,7 +27,7 @@ def calibrate(
         typer.Option(metavar="NAME", help="Of the markers, as 5X5_100; by default what the images show."),
     ] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE.toml", help="The calibration, for [sensors] calibration.")
+        Path, typer.Option("--output", "-o", metavar="FILE.toml", help="The calibration, which robot.toml names.")
     ] = Path("calibration.toml"),
     report: Annotated[
         Path | None,

@@ -6,8 +6,9 @@ its own rate and ends as a device that disappears.
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -66,6 +67,16 @@ def captured_at(position_ms: float, monotonic_s: float, unix_ns: int) -> int | N
     return unix_ns - round(1e9 * age) if 0.0 <= age < _OLDEST_S else None
 
 
+@contextlib.contextmanager
+def _in_silence() -> Iterator[None]:
+    """Keeps OpenCV from saying of each of its backends that it cannot open a device: the error says it once."""
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
 class Device:
     """One capture device."""
 
@@ -78,7 +89,8 @@ class Device:
         self.source = source
         number = int(source) if isinstance(source, str) and source.isdecimal() else source
         try:
-            self._capture: Any = cv2.VideoCapture(number)
+            with _in_silence():
+                self._capture: Any = cv2.VideoCapture(number)
         except cv2.error:
             raise CaptureError(self._absent()) from None
         if not self._capture.isOpened():

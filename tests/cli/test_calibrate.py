@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from services.sensors.calibration import file
-from tests.services.sensors.calibration.scenes import Renderer, poses, render_set, rig
+from services.sensors.calibration.simulation import BoardRenderer, simulated_poses, simulated_rig
 from tests.services.sensors.video import write_video
 
 BOARD = ("--board", "7x5", "--square", "0.04", "--marker", "0.03")
@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("pairs")
     for side in ("left", "right"):
         (root / side).mkdir()
-    for name, left, right in render_set(10):
+    for name, left, right in BoardRenderer(simulated_rig()).pairs(10):
         cv2.imwrite(str(root / "left" / f"{name}.png"), left)
         cv2.imwrite(str(root / "right" / f"{name}.png"), right)
     cv2.imwrite(str(root / "left" / "extra.png"), left)
@@ -35,8 +35,8 @@ def test_a_folder_becomes_a_calibration_and_a_report(vtr, folder, tmp_path):
     assert figures["pairs_used"] == 10
     assert figures["reprojection_px"] < 0.3
     assert figures["unpaired"] == ["left extra"]
-    assert figures["left"]["fx"] == pytest.approx(rig().left.fx, rel=3e-3)
-    assert figures["baseline_m"] == pytest.approx(rig().baseline, rel=2e-3)
+    assert figures["left"]["fx"] == pytest.approx(simulated_rig().left.fx, rel=3e-3)
+    assert figures["baseline_m"] == pytest.approx(simulated_rig().baseline, rel=2e-3)
     stored = file.load(tmp_path / "c.toml")
     assert stored.rig.baseline == pytest.approx(figures["baseline_m"], abs=1e-6)
     written = {path.name for path in (tmp_path / "report" / "new").iterdir()}
@@ -46,7 +46,7 @@ def test_a_folder_becomes_a_calibration_and_a_report(vtr, folder, tmp_path):
 
 def test_a_new_calibration_keeps_the_mounting(vtr, folder, tmp_path):
     mounting = file.MountingTable(position=(0.3, 0.0, 0.7), pitch=0.2)
-    (tmp_path / "calibration.toml").write_text(file.text(rig(), mounting), encoding="utf-8")
+    (tmp_path / "calibration.toml").write_text(file.text(simulated_rig(), mounting), encoding="utf-8")
     out = vtr("calibrate", folder, *BOARD).out
     assert "10 pairs used" in out
     assert "no partner: left extra" in out
@@ -104,8 +104,8 @@ def test_the_board_is_drawn_at_its_true_size(vtr, tmp_path):
 
 def test_pairs_are_taken_from_a_device(vtr, tmp_path):
     """A board is held still for three frames in each of ten poses, and carried about between them."""
-    renderer, rng, frames = Renderer(rig()), np.random.default_rng(1), []
-    for T in poses(10, rng):
+    renderer, rng, frames = BoardRenderer(simulated_rig()), np.random.default_rng(1), []
+    for T in simulated_poses(10, rng):
         frames += [np.hstack(renderer.pair(T, rng)) for _ in range(3)]
         frames.append(np.hstack(renderer.pair(T, rng, blur=4.0)))
     write_video(tmp_path / "both.avi", frames, 100.0)

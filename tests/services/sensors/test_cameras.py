@@ -6,8 +6,8 @@ import pytest
 from common import topics
 from services.sensors.calibration.file import MountingTable, text
 from services.sensors.calibration.rectify import Rectifier
+from services.sensors.calibration.simulation import simulated_rig
 from tests.processes import Robot, eventually
-from tests.services.sensors.calibration.scenes import rig
 from tests.services.sensors.video import write_video
 
 SIZE = (96, 64)
@@ -34,7 +34,7 @@ def pattern(shift):
 @pytest.fixture
 def robot(tmp_path):
     with Robot(tmp_path, TABLES.format(folder=tmp_path)) as running:
-        calibration = text(rig(SIZE), MOUNTING)
+        calibration = text(simulated_rig(SIZE), MOUNTING)
         (tmp_path / "calibration.toml").write_text(calibration, encoding="utf-8")
         yield running
 
@@ -45,7 +45,7 @@ def test_frames_are_rectified_and_a_lost_camera_is_opened_again(robot, tmp_path)
     frames = robot.bus("operator").subscribe(topics.STEREO)
     robot.start("sensors")
     message = eventually(lambda: (last := frames.last()) and last.message, "a frame", 30.0)
-    rectifier = Rectifier.of(rig(SIZE), MOUNTING.transform())
+    rectifier = Rectifier.of(simulated_rig(SIZE), MOUNTING.transform())
     left, right = rectifier.rectify(frame[:, : SIZE[0]].copy(), frame[:, SIZE[0] :].copy())
     assert np.abs(message.left.astype(int) - left).max() <= 3
     assert np.abs(message.right.astype(int) - right).max() <= 3

@@ -1,11 +1,16 @@
-"""One good set of rendered pairs, and the folder of it, for every test that needs some."""
+"""One renderer and one good set of rendered pairs for every test that needs some."""
 
 import pytest
 
-from tests.services.sensors.calibration.scenes import render_set
+from services.sensors.calibration.simulation import BoardRenderer, simulated_rig
 
 
 @pytest.fixture(scope="session")
-def good_set():
+def renderer():
+    return BoardRenderer(simulated_rig())
+
+
+@pytest.fixture(scope="session")
+def good_set(renderer):
     """14 pairs, named ``000`` to ``013``."""
-    return render_set(14)
+    return renderer.pairs(14)

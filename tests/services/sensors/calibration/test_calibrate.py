@@ -10,8 +10,8 @@ from services.sensors.calibration.board import Board
 from services.sensors.calibration.calibrate import calibrate
 from services.sensors.calibration.errors import CalibrationError
 from services.sensors.calibration.report import vertical_errors
+from services.sensors.calibration.simulation import BOARD, SIZE, BoardRenderer, simulated_poses, simulated_rig
 from services.sensors.calibration.views import MIN_VIEWS
-from tests.services.sensors.calibration.scenes import BOARD, SIZE, Renderer, poses, render_set, rig
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def refusal(pairs, board=BOARD, **options):
 
 
 def test_the_cameras_are_recovered(result):
-    found, truth = result.found.solution.rig, rig()
+    found, truth = result.found.solution.rig, simulated_rig()
     for lens, true in ((found.left, truth.left), (found.right, truth.right)):
         assert lens.fx == pytest.approx(true.fx, rel=2e-3)
         assert lens.fy == pytest.approx(true.fy, rel=2e-3)
@@ -38,12 +38,12 @@ def test_the_cameras_are_recovered(result):
     assert result.quality.rms < 0.3
 
 
-def test_what_is_uncertain_is_said_in_proportion(result):
-    found, truth, quality = result.found.solution.rig, rig(), result.quality
+def test_what_is_uncertain_is_said_in_proportion(renderer, result):
+    found, truth, quality = result.found.solution.rig, simulated_rig(), result.quality
     errors = (found.left.fx / truth.left.fx - 1, found.right.fx / truth.right.fx - 1)
     assert all(abs(e) < 4 * s < 0.004 for e, s in zip(errors, quality.focal_sigma, strict=True))
     assert abs(found.baseline / truth.baseline - 1) < 4 * quality.baseline_sigma < 0.004
-    few = calibrate(render_set(MIN_VIEWS, noise=6.0), BOARD).quality
+    few = calibrate(renderer.pairs(MIN_VIEWS, noise=6.0), BOARD).quality
     assert max(few.focal_sigma) > max(quality.focal_sigma)
 
 
@@ -53,10 +53,10 @@ def test_corners_lie_on_one_row_after_rectification(result):
     assert np.sqrt((vertical**2).mean()) < 0.15
 
 
-def test_the_rectified_camera_measures_true_distances(result):
+def test_the_rectified_camera_measures_true_distances(renderer, result):
     """The board's own squares, triangulated from rectified images, have the side that they have."""
-    T = poses(1, np.random.default_rng(9))[0]
-    pair = Renderer(rig()).pair(T, np.random.default_rng(9))
+    T = simulated_poses(1, np.random.default_rng(9))[0]
+    pair = renderer.pair(T, np.random.default_rng(9))
     left, right = result.rectifier.rectify(*pair)
     detector = cv2.aruco.CharucoDetector(BOARD.opencv())
     (a, ids_a, *_), (b, ids_b, *_) = (detector.detectBoard(image) for image in (left, right))
@@ -81,7 +81,7 @@ def test_the_dictionary_is_found_out(good_set):
 
 def test_a_board_of_the_old_pattern_is_recognised():
     board = Board(7, 6, 0.04, 0.03, "5X5_100", legacy=True)
-    found = calibrate(render_set(10, renderer=Renderer(rig(), board)), replace(board, legacy=False))
+    found = calibrate(BoardRenderer(simulated_rig(), board).pairs(10), replace(board, legacy=False))
     assert found.board == board
     assert found.quality.rms < 0.3
 
@@ -92,7 +92,7 @@ def test_a_pair_of_two_moments_is_dropped_with_the_reason(good_set):
     found = calibrate(spoilt, BOARD)
     assert list(found.dropped) == ["003"]
     assert "same moment" in found.dropped["003"]
-    assert found.found.solution.rig.left.fx == pytest.approx(rig().left.fx, rel=2e-3)
+    assert found.found.solution.rig.left.fx == pytest.approx(simulated_rig().left.fx, rel=2e-3)
 
 
 def test_bad_views_are_dropped_and_the_rest_is_used(good_set):
@@ -107,20 +107,20 @@ def test_bad_views_are_dropped_and_the_rest_is_used(good_set):
 
 
 @pytest.mark.parametrize("blur", [2.5, 5.0])
-def test_a_blurred_set_is_refused(blur):
-    assert "blurred" in refusal(render_set(10, blur=blur))
+def test_a_blurred_set_is_refused(renderer, blur):
+    assert "blurred" in refusal(renderer.pairs(10, blur=blur))
 
 
-def test_a_set_of_one_pose_is_refused(good_set):
-    renderer, rng = Renderer(rig()), np.random.default_rng(4)
-    T = poses(1, rng)[0]
+def test_a_set_of_one_pose_is_refused(renderer, good_set):
+    rng = np.random.default_rng(4)
+    T = simulated_poses(1, rng)[0]
     assert "hardly moves" in refusal([(f"{k}", *renderer.pair(T, rng)) for k in range(10)])
     assert "hardly moves" in refusal([(f"{k}", *good_set[0][1:]) for k in range(10)])
 
 
-def test_boards_that_are_all_parallel_are_refused():
-    renderer, rng = Renderer(rig()), np.random.default_rng(4)
-    flat = poses(12, rng, tilt=0.0)
+def test_boards_that_are_all_parallel_are_refused(renderer):
+    rng = np.random.default_rng(4)
+    flat = simulated_poses(12, rng, tilt=0.0)
     flat[:, :3, :3] = np.eye(3)
     flat[:, :3, 3] += np.array([-0.14, -0.1, 0.0]) * 0.5
     assert "tilt" in refusal([(f"{k}", *renderer.pair(T, rng)) for k, T in enumerate(flat)])

@@ -6,14 +6,14 @@ import pytest
 from services.sensors.calibration.board import Board
 from services.sensors.calibration.choosing import PoseChooser
 from services.sensors.calibration.errors import CalibrationError
-from tests.services.sensors.calibration.scenes import BOARD, Renderer, poses, rig
+from services.sensors.calibration.simulation import BOARD, simulated_poses
 
 
 @pytest.fixture(scope="module")
-def looks():
+def looks(renderer):
     """Renders pose number k of the board, moved by some metres to the right."""
-    renderer, rng = Renderer(rig()), np.random.default_rng(1)
-    places = poses(6, rng)
+    rng = np.random.default_rng(1)
+    places = simulated_poses(6, rng)
 
     def look(k, moved=0.0, **how):
         T = places[k].copy()

@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 
 from services.sensors.calibration.detection import Detector, image_blur
-from tests.services.sensors.calibration.scenes import BOARD, Renderer, poses, rig
-
-
-@pytest.fixture(scope="module")
-def renderer():
-    return Renderer(rig())
+from services.sensors.calibration.simulation import BOARD, simulated_poses
 
 
 def projected(lens, T, ids):
@@ -20,7 +15,7 @@ def projected(lens, T, ids):
 
 def test_corners_are_where_the_lens_shows_them(renderer):
     rng, detector, errors = np.random.default_rng(2), Detector(BOARD), []
-    for T in poses(6, rng):
+    for T in simulated_poses(6, rng):
         found = detector.detect(renderer.pair(T, rng)[0])
         assert not found.reason
         errors.append(found.points - projected(renderer.rig.left, T, found.ids))

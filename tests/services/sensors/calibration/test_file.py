@@ -7,7 +7,7 @@ from common import geometry
 from common.camera import OPTICAL_IN_VEHICLE
 from common.errors import ConfigurationError
 from services.sensors.calibration.file import MountingTable, load, text
-from tests.services.sensors.calibration.scenes import rig
+from services.sensors.calibration.simulation import simulated_rig
 
 MOUNTING = MountingTable(position=(0.3, -0.05, 0.8), roll=0.02, pitch=0.15, yaw=-0.4)
 
@@ -15,13 +15,13 @@ MOUNTING = MountingTable(position=(0.3, -0.05, 0.8), roll=0.02, pitch=0.15, yaw=
 @pytest.fixture
 def path(tmp_path):
     file = tmp_path / "calibration.toml"
-    file.write_text(text(rig(), MOUNTING, ("a remark",)), encoding="utf-8")
+    file.write_text(text(simulated_rig(), MOUNTING, ("a remark",)), encoding="utf-8")
     return file
 
 
 def test_what_is_written_is_read(path):
     stored = load(path)
-    truth = rig()
+    truth = simulated_rig()
     assert stored.mounting == MOUNTING
     assert (stored.rig.width, stored.rig.height) == (truth.width, truth.height)
     for lens, true in ((stored.rig.left, truth.left), (stored.rig.right, truth.right)):
