@@ -7,6 +7,7 @@ import typer
 
 from cli.commands import (
     align,
+    calibrate,
     doctor,
     estop,
     localize,
@@ -29,7 +30,7 @@ from cli.leave_one_out.command import leave_one_out
 PROCESSES, OPERATION, DATA = "A robot's processes", "An operator's commands", "Maps and recordings"
 
 COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
-    (PROCESSES, (demo, up.up, up.down, ps.ps, doctor.doctor)),
+    (PROCESSES, (demo, up.up, up.down, ps.ps, doctor.doctor, calibrate.calibrate)),
     (
         OPERATION,
         (
