@@ -44,18 +44,19 @@ class ReplaySettings:
         creep: least speed on the way, as taught stops are not repeated.
         sigma_free, sigma_worst: standard deviation of the distance along the map at which the robot begins to slow
             down, and at which it is slowest; metres.
-        turn_beyond, turn_until: heading offset beyond which a unicycle turns on the spot, and until which.
+        turn_beyond, turn_until: heading offset beyond which a unicycle turns on the spot, and until which; at the start
+            it turns in any case.
         at_rest: m/s and rad/s below which the robot stands.
     """
 
-    gain: Positive = 0.8
+    gain: Positive = 1.0
     largest: Positive = 0.35
     tolerance: Positive = 0.05
     creep: Positive = 0.15
     sigma_free: Positive = 0.4
     sigma_worst: Positive = 1.2
     turn_beyond: Positive = 0.8
-    turn_until: Positive = 0.1
+    turn_until: Positive = 0.05
     at_rest: Positive = 0.03
 
 
@@ -95,9 +96,12 @@ class ActionReplay:
         self._finished = False
 
     def set_route(self, poses: ArrayLike) -> None:
-        """Follow a route, from the poses (N, 4, 4) of its vertices in any one frame."""
+        """Follow a route, from the poses (N, 4, 4) of its vertices in any one frame.
+
+        A unicycle turns to the taught heading first: what it drives meanwhile would lead it away from the path.
+        """
         self._way = TaughtWay(poses)
-        self._turning = self._finished = False
+        self._turning, self._finished = True, False
 
     def reset_command(self, v: float = 0.0, w: float = 0.0) -> None:
         """Say what the robot is really doing, where that is not the last command."""

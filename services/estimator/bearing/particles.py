@@ -14,6 +14,9 @@ import numpy as np
 from common.geometry import Array
 from services.estimator.bearing.settings import ParticleSettings
 
+_TURNING = 0.3
+"""Metres that a radian counts for where motion makes particles less sure."""
+
 Yaw = Callable[[Array], Array]
 """The taught heading (K,) at distances (K,) along the map."""
 
@@ -87,7 +90,7 @@ class ParticleFilter:
     def predict(self, metres: float, turn: float, yaw: Yaw) -> None:
         """Moves on by wheel odometry: metres along the way and radians to the left, against the taught turn there."""
         s = self._settings
-        noise = self._rng.standard_normal((2, len(self.metres))) * np.sqrt(abs(metres) + s.independence * abs(turn))
+        noise = self._rng.standard_normal((2, len(self.metres))) * np.sqrt(abs(metres) + _TURNING * abs(turn))
         before = yaw(self.metres)
         self.metres = self.metres + metres + s.distance_noise * noise[0]
         self.heading = self.heading + turn - (yaw(self.metres) - before) + s.heading_noise * noise[1]

@@ -138,7 +138,9 @@ class BearingRouteLocalizer(RouteLocalizer[BearingLive, BearingSubmap]):
         contrast = window.contrast(float(similarity.max()))
         if contrast < s.least_contrast:
             return self._missing(f"no image around the start is like what the camera sees ({contrast:.1f} sigma)")
-        self._particles.spread(grid.metres, grid.headings, similarity)
+        # A start is named because the robot is near it: a normal prior, as the logarithm of a likelihood.
+        prior = -0.5 * s.particles.temperature * ((grid.metres - here) / (0.5 * s.search)) ** 2
+        self._particles.spread(grid.metres, grid.headings, similarity + prior[:, None])
         self._since_weighed = 0.0
         return self._located(s.search_sigma)
 

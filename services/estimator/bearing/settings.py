@@ -17,7 +17,7 @@ class ParticleSettings:
     Attributes:
         count: particles.
         distance_noise: standard deviation of the distance driven, metres after one metre; it grows with the root of the
-            way. Wheels that slipped by 2 % for two seconds at a time, in the teach and in the repeat, make half of it.
+            way. Wheels that slip by 1.5 % for two metres at a time, in the teach and in the repeat, make as much.
         heading_noise: likewise of the heading offset, radians after one metre: slip, and parallax that changes.
         temperature: difference of similarity that makes a place e times as likely, as in ``common.registration``.
         independence: metres between two images whose errors have nothing in common; those of nearer ones count less.
@@ -27,10 +27,10 @@ class ParticleSettings:
     """
 
     count: Annotated[int, Field(ge=50, le=20_000)] = 500
-    distance_noise: Positive = 0.07
+    distance_noise: Positive = 0.04
     heading_noise: Positive = 0.04
     temperature: Positive = 0.02
-    independence: Positive = 0.5
+    independence: Positive = 1.0
     reach: Positive = 1.0
     fresh: Annotated[float, Field(ge=0, lt=1)] = 0.1
     effective: Annotated[float, Field(gt=0, lt=1)] = 0.5
