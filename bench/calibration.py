@@ -11,7 +11,7 @@ import numpy as np
 
 from bench import table
 from services.sensors.calibration.board import Image
-from services.sensors.calibration.calibrate import Calibration, Pair, calibrate
+from services.sensors.calibration.calibrate import Pair, calibrate
 from services.sensors.calibration.detection import Detector
 from services.sensors.calibration.rectify import Rectifier
 from services.sensors.calibration.rig import Lens, StereoRig
@@ -24,6 +24,8 @@ _LOOKS: dict[str, dict[str, float]] = {
     "blur 1.1 px": {"blur": 1.1},
 }
 _SETS, _PAIRS = 8, 20
+Way = Callable[[list[Pair]], tuple[StereoRig, float, float]]
+"""From pairs to the rig, the reprojection error, and the left focal length's relative standard deviation, or NaN."""
 _FRAMES = 200
 
 
@@ -46,8 +48,7 @@ def main() -> None:
 
 
 def _ours(pairs: list[Pair]) -> tuple[StereoRig, float, float]:
-    """The rig, the reprojection error, and the relative standard deviation of the left focal length."""
-    found: Calibration = calibrate(pairs, BOARD)
+    found = calibrate(pairs, BOARD)
     return found.found.solution.rig, found.quality.rms, found.quality.focal_sigma[0]
 
 
@@ -85,13 +86,7 @@ def _spoil(pair: Pair, k: int) -> Pair:
     return (name, left, np.roll(right, 4, axis=0)) if k % 7 == 3 else pair
 
 
-def _row(
-    name: str,
-    way: str,
-    work: Callable[[list[Pair]], tuple[StereoRig, float, float]],
-    sets: list[list[Pair]],
-    truth: StereoRig,
-) -> list[object]:
+def _row(name: str, way: str, work: Way, sets: list[list[Pair]], truth: StereoRig) -> list[object]:
     focal, baseline, rms, sigmas = [], [], [], []
     start = time.process_time()
     for pairs in sets:

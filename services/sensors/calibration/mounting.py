@@ -120,8 +120,8 @@ def _check_result(found: Mounting) -> None:
     if place > MAX_PLACE_SIGMA or angle > MAX_ANGLE_SIGMA:
         raise CalibrationError(
             f"the drive tells the camera's place to {100 * place:.1f} cm and its angles to {np.degrees(angle):.2f} "
-            f"degrees only ({100 * MAX_PLACE_SIGMA:g} cm and {np.degrees(MAX_ANGLE_SIGMA):g} are needed): drive longer, "
-            "with tighter turns, on level ground"
+            f"degrees, which is not enough ({100 * MAX_PLACE_SIGMA:g} cm and {np.degrees(MAX_ANGLE_SIGMA):g} degrees): "
+            "drive longer, with tighter turns, on level ground"
         )
     if not 0.5 < found.wheel_scale < 2.0:
         raise CalibrationError(
