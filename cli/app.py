@@ -5,7 +5,22 @@ from typing import Annotated
 
 import typer
 
-from cli.commands import doctor, estop, localize, maps, mission, odometry, play, position, ps, repeat, state, teach, up
+from cli.commands import (
+    align,
+    doctor,
+    estop,
+    localize,
+    maps,
+    mission,
+    odometry,
+    play,
+    position,
+    ps,
+    repeat,
+    state,
+    teach,
+    up,
+)
 from cli.demo.command import demo
 from cli.leave_one_out.command import leave_one_out
 
@@ -26,7 +41,7 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
             state.state,
         ),
     ),
-    (DATA, (play.play, odometry.odometry, localize.localize, leave_one_out)),
+    (DATA, (play.play, odometry.odometry, localize.localize, align.align, leave_one_out)),
 )
 
 app = typer.Typer(

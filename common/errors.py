@@ -9,6 +9,7 @@ RetraverseError
 │   ├── Refused            somebody served it, and said no
 │   ├── Unavailable        somebody served it, and cannot do it now: the same may succeed later
 │   └── MalformedMessage   bytes that are no message of their topic
+├── ImageError             an image, or two of them, from which nothing can be computed
 └── GraphError             a vertex, edge or map that does not exist, or contradicts another
 ```
 
@@ -49,6 +50,10 @@ class Unavailable(BusError):
 
 class MalformedMessage(BusError):
     """Bytes that cannot be decoded into the message of their topic."""
+
+
+class ImageError(RetraverseError):
+    """An image, or a pair of images, from which nothing can be computed."""
 
 
 class GraphError(RetraverseError):
