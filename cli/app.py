@@ -8,6 +8,7 @@ import typer
 from cli.commands import (
     align,
     doctor,
+    env,
     estop,
     localize,
     maps,
@@ -54,6 +55,7 @@ for panel, commands in COMMANDS:
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(maps.app, name="maps", rich_help_panel=DATA)
+app.add_typer(env.app, name="env", rich_help_panel=DATA)
 
 
 @app.callback(invoke_without_command=True)
