@@ -9,6 +9,7 @@ from cli.commands import (
     align,
     calibrate,
     doctor,
+    env,
     estop,
     localize,
     maps,
@@ -68,6 +69,7 @@ for panel, commands in COMMANDS:
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(maps.app, name="maps", rich_help_panel=DATA)
+app.add_typer(env.app, name="env", rich_help_panel=DATA)
 
 
 @app.callback(invoke_without_command=True)
