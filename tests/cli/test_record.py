@@ -58,7 +58,7 @@ class Sensors:
         self._truth = self._bus.publisher(topics.TRUTH)
         self.sent = 0
 
-    def send(self, count, period=0.01):
+    def send(self, count, period=0.02):
         image = np.random.default_rng(0).integers(0, 255, (200, 320, 3), np.uint8)
         for _ in range(count):
             if self.sent % 5 == 0:
@@ -95,7 +95,7 @@ def test_everything_that_was_sent_is_there_and_the_summary_says_so(robot, tmp_pa
     states.put(state)
     with recording(robot, folder, "--split-size", "2") as process:
         until_heard(sensors, folder)
-        sensors.send(200)
+        sensors.send(150)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
@@ -118,7 +118,7 @@ def test_what_was_recorded_outlives_kill_9(robot, tmp_path):
         until_heard(sensors, folder)
         for _ in range(4):
             before = sensors.sent
-            sensors.send(60)
+            sensors.send(40)
             time.sleep(1.3)
             process.poll()
             assert heard(folder)[-1] >= before, "what is older than the last flush is readable at any time"

@@ -15,7 +15,7 @@ _LEAST_COLUMNS = 16
 
 
 def scan_message(scan: LidarScan, T_vehicle_lidar: Array | None = None) -> ScanMessage:
-    """The message of a scan that is organised, or whose points have rings; the lidar's frame is the vehicle's at worst.
+    """The message of a scan; where its lidar sits is not known, its frame is taken as the vehicle's.
 
     Of two points that fall into one cell the nearer one stays.
 
@@ -46,17 +46,15 @@ def scan_message(scan: LidarScan, T_vehicle_lidar: Array | None = None) -> ScanM
 
 def _organise(scan: LidarScan, distance: Array, azimuth: Array, layers: list[Array]) -> list[Array]:
     """Layers (N,) laid out as (H, W) by ring and azimuth; the turn begins where the first point was fired."""
-    if scan.rings is None:
-        raise RecordingError("the points of a scan have neither rows nor rings: its lidar cannot be organised")
     seen = np.flatnonzero(distance > 0.0)
     if len(seen) == 0:
         raise RecordingError("a scan holds no point")
-    rings = scan.rings[seen].astype(np.int64)
+    rings = _rings_of_turns(azimuth[seen]) if scan.rings is None else scan.rings[seen].astype(np.int64)
     beams, columns = int(rings.max()) + 1, _columns(rings, azimuth[seen])
     if not 2 <= beams <= _MOST_BEAMS or rings.min() < 0:
         raise RecordingError(f"the points of a scan name {beams} rings: that is no spinning lidar")
     turn = np.angle(np.exp(1j * (azimuth[seen] - azimuth[seen[0]])))
-    # Which way it turns follows from most of the steps between points that were fired one after the other on a ring.
+    # Which way it turns follows from most of the steps between points that a beam saw one after the other.
     forward = np.sign(np.median([np.median(_steps(turn[rings == ring])) for ring in np.unique(rings)])) or 1.0
     column = np.rint(np.mod(forward * turn, 2.0 * np.pi) / (2.0 * np.pi) * columns).astype(np.int64) % columns
     order = np.argsort(-distance[seen], kind="stable")
@@ -64,6 +62,21 @@ def _organise(scan: LidarScan, distance: Array, azimuth: Array, layers: list[Arr
     for target, layer in zip(made, layers, strict=True):
         target[rings[order], column[order]] = layer[seen][order]
     return made
+
+
+def _rings_of_turns(azimuth: Array) -> NDArray[np.int64]:
+    """The ring of each point where the points come beam by beam, a turn of each, as KITTI has them.
+
+    Raises:
+        RecordingError: the points' order tells no beams.
+    """
+    forward = np.sign(np.median(_steps(azimuth))) or 1.0
+    # A beam's last point and the next one's first lie on either side of where the turn begins.
+    phase = np.mod(forward * (azimuth - azimuth[0]), 2.0 * np.pi)
+    rings = np.concatenate([[0], np.cumsum(np.diff(phase) < -np.pi)])
+    if not 2 <= rings[-1] + 1 <= _MOST_BEAMS or np.median(np.bincount(rings)) < _LEAST_COLUMNS:
+        raise RecordingError("the points of a scan have neither rows nor rings: its lidar cannot be organised")
+    return np.asarray(rings, np.int64)
 
 
 def _steps(turn: Array) -> Array:

@@ -16,6 +16,7 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import Channel
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import CRCValidationError
+from zstandard import ZstdError
 
 from common import topics
 from common.errors import MalformedMessage
@@ -31,7 +32,7 @@ _MOST_BYTES = 1 << 30
 """Of one record: a length beyond it is damage, not data."""
 
 _CUT = (EndOfFile, struct.error)
-_DAMAGED = (McapError, CRCValidationError, ValueError, KeyError, MemoryError, RuntimeError)
+_DAMAGED = (McapError, CRCValidationError, ZstdError, ValueError, KeyError, MemoryError, RuntimeError)
 
 
 class Recorded(NamedTuple):
