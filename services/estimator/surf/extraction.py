@@ -1,19 +1,18 @@
-"""From an image to its features: the steps in their order, and the check of what comes in."""
+"""From an image to its features: the steps in their order."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.surf import descriptor
+from services.estimator.surf import arrays
 from services.estimator.surf.descriptor import describe
 from services.estimator.surf.detector import detect
-from services.estimator.surf.features import SurfError, SurfFeatures
+from services.estimator.surf.features import SurfFeatures
+from services.estimator.surf.frame import Frame, prepare
 from services.estimator.surf.integral import integral
-from services.estimator.surf.octaves import largest_scale, octaves_of, reach_of
 from services.estimator.surf.orientation import orient
 from services.estimator.surf.selection import select
 from services.estimator.surf.settings import SurfSettings
@@ -35,17 +34,19 @@ def detect_and_describe(
         SurfError: the image or the mask has another shape or type, or the device of the settings is not there.
     """
     used = settings or SurfSettings()
-    grey, allowed = _checked(image, mask)
-    height, width = grey.shape
-    octaves = octaves_of(height, width, used.octaves, used.layers)
-    if not octaves:
+    device = arrays.find_gpu() if used.device == "gpu" else None
+    frame = prepare(image, used, mask, wrap=wrap)
+    if not frame.octaves:
         return SurfFeatures.empty()
-    pad = reach_of(octaves)
-    # A panorama goes on beyond what a descriptor sees; elsewhere repeated pixels are extrapolated.
-    pad_x = max(pad, math.ceil(descriptor.REACH * largest_scale(octaves))) if wrap else pad
-    sums = integral(grey, pad_x, pad, wrap=wrap)
-    blobs = select(detect(sums, grey.shape, octaves, used.hessian_threshold), grey.shape, used, allowed, wrap=wrap)
-    angles = np.zeros(len(blobs.points)) if used.upright else orient(sums, blobs.points, blobs.scales)
+    return extract(frame) if device is None else arrays.extract(frame, device)
+
+
+def extract(frame: Frame) -> SurfFeatures:
+    """The features of an image, by the compiled loops."""
+    sums = integral(frame.wide, frame.pad_x, frame.pad_y)
+    found = detect(sums, frame.shape, frame.octaves, frame.settings.hessian_threshold)
+    blobs = select(found, frame.shape, frame.settings, frame.mask, wrap=frame.wrap)
+    angles = np.zeros(len(blobs.points)) if frame.settings.upright else orient(sums, blobs.points, blobs.scales)
     return SurfFeatures(
         blobs.points.astype(np.float32),
         blobs.scales.astype(np.float32),
@@ -54,16 +55,3 @@ def detect_and_describe(
         blobs.responses.astype(np.float32),
         describe(sums, blobs.points, blobs.scales, angles),
     )
-
-
-def _checked(image: NDArray[np.uint8], mask: NDArray[Any] | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Both as contiguous arrays of bytes."""
-    grey = np.asarray(image)
-    if grey.ndim != 2 or grey.dtype != np.uint8:
-        raise SurfError(f"the image must be grey, (H, W) uint8, not {grey.dtype}{grey.shape}")
-    if mask is None:
-        return np.ascontiguousarray(grey), None
-    allowed = np.asarray(mask)
-    if allowed.shape != grey.shape or allowed.dtype not in {np.dtype(np.uint8), np.dtype(np.bool_)}:
-        raise SurfError(f"the mask must be uint8{grey.shape}, as the image, not {allowed.dtype}{allowed.shape}")
-    return np.ascontiguousarray(grey), np.ascontiguousarray(allowed).view(np.uint8)

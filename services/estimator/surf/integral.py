@@ -36,7 +36,11 @@ class Integral(NamedTuple):
 
 
 def extended(image: NDArray[np.uint8], pad_x: int, pad_y: int, *, wrap: bool) -> NDArray[np.uint8]:
-    """The image with a margin: its edges repeated, or left and right its other side."""
+    """The image with a margin: its edges repeated, or left and right its other side.
+
+    Raises:
+        SurfError: its sums would exceed 32 bits.
+    """
     if (image.shape[0] + 2 * pad_y) * (image.shape[1] + 2 * pad_x) > _MOST_PIXELS:
         raise SurfError(f"an image of {image.shape[1]}x{image.shape[0]} pixels is too large: reduce it to 6 megapixels")
     if wrap:
@@ -47,14 +51,9 @@ def extended(image: NDArray[np.uint8], pad_x: int, pad_y: int, *, wrap: bool) ->
     return np.asarray(cv2.copyMakeBorder(wide, pad_y, pad_y, 0, 0, cv2.BORDER_REPLICATE), np.uint8)
 
 
-def integral(image: NDArray[np.uint8], pad_x: int, pad_y: int, *, wrap: bool) -> Integral:
-    """The integral image of an image (H, W) with its margins.
-
-    Raises:
-        SurfError: the sums would exceed 32 bits.
-    """
-    sums = np.asarray(cv2.integral(extended(image, pad_x, pad_y, wrap=wrap)), np.int32)
-    return Integral(sums, pad_x, pad_y)
+def integral(wide: NDArray[np.uint8], pad_x: int, pad_y: int) -> Integral:
+    """The integral image of an image with its margins."""
+    return Integral(np.asarray(cv2.integral(wide), np.int32), pad_x, pad_y)
 
 
 @kernel
