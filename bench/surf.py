@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import matplotlib.cbook
@@ -19,59 +19,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import recordings, table
-from services.estimator.surf import SurfFeatures, SurfSettings, Window, detect_and_describe, match
+from services.estimator.surf import SurfSettings, Window, detect_and_describe, match
 from services.estimator.surf.evaluation import Score, score, views
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
+Pairs = NDArray[np.int64]
 FEATURES = 1000
 _ROUNDS = 11
 
 
-class Way(Protocol):
-    """A kind of feature: found as places (N, 2), sizes (N,) and what its matching needs."""
+class _Found(NamedTuple):
+    """Features of an image: places (N, 2), sizes (N,), and what the matching of their kind needs."""
 
-    def find(self, image: Image, mask: Image | None) -> tuple[Array, Array, Any]: ...
+    places: Array
+    sizes: Array
+    looks: Any
 
-    def match(self, a: Any, b: Any) -> NDArray[np.int64]: ...
+
+class _Way(Protocol):
+    """A kind of feature."""
+
+    def find(self, image: Image, mask: Image | None) -> _Found:
+        """The features of an image."""
+
+    def match(self, a: _Found, b: _Found) -> Pairs:
+        """Each other's nearest (M, 2)."""
 
 
-class Surf:
+class _Surf:
     """Ours."""
 
     def __init__(self, settings: SurfSettings) -> None:
         # Distances are not limited: all three are asked for the same, each other's nearest.
         self.settings = replace(settings, ratio=1.0, max_distance=2.0)
 
-    def find(self, image: Image, mask: Image | None) -> tuple[Array, Array, SurfFeatures]:
+    def find(self, image: Image, mask: Image | None) -> _Found:
         found = detect_and_describe(image, self.settings, mask)
-        return found.points.astype(np.float64), found.scales.astype(np.float64), found
+        return _Found(found.points.astype(np.float64), found.scales.astype(np.float64), found)
 
-    def match(self, a: SurfFeatures, b: SurfFeatures) -> NDArray[np.int64]:
-        return match(a, b, self.settings).pairs
+    def match(self, a: _Found, b: _Found) -> Pairs:
+        return match(a.looks, b.looks, self.settings).pairs
 
 
-class OpenCv:
+class _OpenCv:
     """A detector of OpenCV, with brute-force matching."""
 
-    def __init__(self, detector: Any, norm: int) -> None:
+    def __init__(self, detector: cv2.Feature2D, norm: int) -> None:
         self.detector, self.matcher = detector, cv2.BFMatcher(norm, crossCheck=True)
 
-    def find(self, image: Image, mask: Image | None) -> tuple[Array, Array, Any]:
-        found, descriptors = self.detector.detectAndCompute(image, mask)
-        return np.array([k.pt for k in found]).reshape(-1, 2), np.array([k.size for k in found]), descriptors
+    def find(self, image: Image, mask: Image | None) -> _Found:
+        found, looks = self.detector.detectAndCompute(image, mask)
+        return _Found(np.array([k.pt for k in found]).reshape(-1, 2), np.array([k.size for k in found]), looks)
 
-    def match(self, a: Any, b: Any) -> NDArray[np.int64]:
-        found = self.matcher.match(a, b) if a is not None and b is not None else []
+    def match(self, a: _Found, b: _Found) -> Pairs:
+        found = self.matcher.match(a.looks, b.looks) if len(a.places) and len(b.places) else []
         return np.array([(m.queryIdx, m.trainIdx) for m in found], np.int64).reshape(-1, 2)
 
 
-def _ways() -> dict[str, Way]:
+def _ways() -> dict[str, _Way]:
     return {
-        "SURF, retraverse": Surf(SurfSettings(max_features=FEATURES)),
-        "SURF, retraverse, spread over cells": Surf(SurfSettings(max_features=FEATURES, cell=40)),
-        "ORB, OpenCV": OpenCv(cv2.ORB.create(FEATURES), cv2.NORM_HAMMING),
-        "SIFT, OpenCV": OpenCv(cv2.SIFT.create(FEATURES), cv2.NORM_L2),
+        "SURF, retraverse": _Surf(SurfSettings(max_features=FEATURES)),
+        "SURF, retraverse, spread over cells": _Surf(SurfSettings(max_features=FEATURES, cell=40)),
+        "ORB, OpenCV": _OpenCv(cv2.ORB.create(FEATURES), cv2.NORM_HAMMING),
+        "SIFT, OpenCV": _OpenCv(cv2.SIFT.create(FEATURES), cv2.NORM_L2),
     }
 
 
@@ -95,11 +106,10 @@ def _quality(kind: str, images: list[Image]) -> None:
     scores: dict[str, dict[str, list[Score]]] = defaultdict(lambda: defaultdict(list))
     for image in images:
         for name, way in _ways().items():
-            *first, looks = way.find(image, None)
+            first = way.find(image, None)
             for view in views(image):
-                *second, looks_there = way.find(view.image, view.mask)
-                pairs = way.match(looks, looks_there)
-                scores[name][view.name].append(score((first[0], first[1]), (second[0], second[1]), pairs, view))
+                second = way.find(view.image, view.mask)
+                scores[name][view.name].append(score(first[:2], second[:2], way.match(first, second), view))
     columns = list(next(iter(scores.values())))
     for index, figure in enumerate(Score._fields):
         rows: list[list[object]] = [
@@ -122,7 +132,6 @@ def _milliseconds(run: Callable[[], object]) -> float:
 
 def _times(image: Image) -> None:
     settings = SurfSettings(max_features=FEATURES)
-    band = np.ascontiguousarray(image[120:184])
     upright = replace(settings, upright=True)
     rows: list[list[object]] = []
     for name, way in _ways().items():

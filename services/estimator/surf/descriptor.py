@@ -7,7 +7,7 @@ A wavelet is the difference of means over four squares of side s, which neighbou
 the orientation; their sides stay along the axes, so that the integral image gives each from 4 corners.
 
 Two things differ from the paper. A response is shared out to the parts around it linearly, as in SIFT, so that nothing
-jumps where the square is a little off. And the Gaussian is of 6 s instead of 3.3 s: more of the square counts, which
+jumps where the square is a little off. And the Gaussian is of 8 s instead of 3.3 s: more of the square counts, which
 blurred images need.
 """
 
@@ -24,7 +24,7 @@ from services.estimator.surf.integral import Integral, box_mean, cell
 
 GRID = 20
 PARTS = 4
-SIGMA = 6.0
+SIGMA = 8.0
 REACH = 15.0
 """Largest distance of what a descriptor sees from the blob's centre, in scales."""
 

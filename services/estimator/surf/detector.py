@@ -21,7 +21,9 @@ BALANCE = 0.9
 """Weight of Dxy, which makes up for the boxes' approximation (equation 3)."""
 
 UNIT_SCALE = SIGMA_PER_SIZE * 9
-"""Scale whose responses are taken as they are, pixels."""
+"""Scale at which a response is the determinant, pixels."""
+
+_WEIGHT = 0.75
 
 
 class Blobs(NamedTuple):
@@ -30,10 +32,7 @@ class Blobs(NamedTuple):
     Attributes:
         points: (N, 2) float64 ``[x, y]``, pixels.
         scales: (N,) float64, pixels.
-        responses: (N,) float64, determinants of the Hessian times the scale by that of the finest filter, square grey
-            levels. The determinant alone would give nearly all places to the finest blobs, which are the most and the
-            first to vanish in a blurred or reduced image; its response in units of white noise, which grows with the
-            square of the scale, would give too many to the coarsest, whose places are less certain.
+        responses: (N,) float64, square grey levels: see :func:`weighted`.
         laplacians: (N,) int8, sign.
     """
 
@@ -226,9 +225,19 @@ def _refined(
     return out[:n].copy()
 
 
+def weighted(scales: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Responses (N,) of blobs of these scales whose determinant is 1.
+
+    By the determinant alone nearly all places would go to the finest blobs, which are the most, and the first to vanish
+    in a blurred or reduced image. Measured in white noise a determinant weighs by the square of its scale, and too many
+    places would go to the coarsest blobs, whose places are the least certain. A power between the two serves both.
+    """
+    return np.asarray((scales / UNIT_SCALE) ** _WEIGHT, np.float64)
+
+
 def thresholds(sizes: tuple[int, ...], threshold: float) -> NDArray[np.float32]:
     """Determinants (layers,) whose responses are the threshold."""
-    return (threshold * UNIT_SCALE / (SIGMA_PER_SIZE * np.array(sizes))).astype(np.float32)
+    return (threshold / weighted(SIGMA_PER_SIZE * np.array(sizes))).astype(np.float32)
 
 
 def detect(sums: Integral, shape: tuple[int, int], octaves: list[Octave], threshold: float) -> Blobs:
@@ -242,5 +251,4 @@ def detect(sums: Integral, shape: tuple[int, int], octaves: list[Octave], thresh
         maxima = _maxima(stack, thresholds(sizes, threshold))
         rows.append(_refined(sums.sums, sums.pad_x, sums.pad_y, stack, maxima, np.array(sizes), step))
     found = np.concatenate(rows)
-    responses = found[:, 3] * (found[:, 2] / UNIT_SCALE)
-    return Blobs(found[:, :2], found[:, 2], responses, found[:, 4].astype(np.int8))
+    return Blobs(found[:, :2], found[:, 2], found[:, 3] * weighted(found[:, 2]), found[:, 4].astype(np.int8))

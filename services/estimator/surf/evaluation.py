@@ -106,9 +106,8 @@ def score(first: tuple[Array, Array], second: tuple[Array, Array], pairs: NDArra
 
 def _is_seen(points: Array, mask: Image) -> NDArray[np.bool_]:
     pixels = np.rint(points).astype(np.int64)
-    inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < [mask.shape[1], mask.shape[0]]), axis=1)
-    inside[inside] = mask[pixels[inside, 1], pixels[inside, 0]] > 0
-    return inside
+    nearest = np.clip(pixels, 0, np.array(mask.shape[::-1]) - 1)
+    return np.asarray((nearest == pixels).all(axis=1) & (mask[nearest[:, 1], nearest[:, 0]] > 0), np.bool_)
 
 
 def _one_to_one(distances: Array) -> int:

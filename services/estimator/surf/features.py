@@ -22,11 +22,12 @@ class SurfFeatures:
 
     Attributes:
         points: (N, 2) float32 ``[x, y]``, pixels; the centre of the image's first pixel is the origin.
-        scales: (N,) float32, standard deviation of the Gaussian that the filter stands for, pixels.
+        scales: (N,) float32, pixels: the paper's sigma, 1.2 for a filter of 9 pixels. A Gaussian spot's own standard
+            deviation is 1.4 times as large.
         angles: (N,) float32, radians from the x axis towards the y axis, so clockwise as seen; 0 where upright.
         laplacians: (N,) int8, the sign of the Laplacian: -1 for a bright blob, +1 for a dark one.
-        responses: (N,) float32, determinant of the Hessian, normalised by the filter's area and weighted by its scale,
-            square grey levels.
+        responses: (N,) float32, determinant of the Hessian, normalised by the filter's area and weighted by a power of
+            the scale, square grey levels.
         descriptors: (N, 64) float32 of unit length.
     """
 

@@ -17,6 +17,9 @@ from common.compiled import kernel
 from services.estimator.surf.features import SurfError, SurfFeatures
 from services.estimator.surf.settings import SurfSettings
 
+_NONE = -2.0
+"""In place of a product of two descriptors: smaller than any."""
+
 
 class SurfMatches(NamedTuple):
     """M pairs, in the order of the first set.
@@ -55,8 +58,8 @@ def _nearest(
     """Of each row the column of the largest product (-1: none), it, and the second; of each column the row likewise."""
     rows, columns = products.shape
     best, owner = np.full(rows, -1, np.int64), np.full(columns, -1, np.int64)
-    first, second = np.full(rows, -2.0, np.float32), np.full(rows, -2.0, np.float32)
-    highest = np.full(columns, -2.0, np.float32)
+    first, second = np.full(rows, _NONE, np.float32), np.full(rows, _NONE, np.float32)
+    highest = np.full(columns, _NONE, np.float32)
     restricted = allowed.shape[0] > 0
     for i in range(rows):
         for j in range(columns):
@@ -110,8 +113,8 @@ def _nearest_in_windows(
     """As :func:`_nearest`, among the second set's points, in the order of their y, that lie in the windows."""
     rows, columns = a.shape[0], b.shape[0]
     best, owner = np.full(rows, -1, np.int64), np.full(columns, -1, np.int64)
-    first, second = np.full(rows, -2.0, np.float32), np.full(rows, -2.0, np.float32)
-    highest, near = np.full(columns, -2.0, np.float32), np.empty(columns, np.int64)
+    first, second = np.full(rows, _NONE, np.float32), np.full(rows, _NONE, np.float32)
+    highest, near = np.full(columns, _NONE, np.float32), np.empty(columns, np.int64)
     for i in range(rows):
         for j in near[: _within(points, predicted[i], reach[i], width, near)]:
             if signs_a[i] != signs_b[j]:
@@ -157,9 +160,9 @@ def match(
         products = a.descriptors @ b.descriptors.T
         best, first, second, owner = _nearest(products, a.laplacians, b.laplacians, allowed)
     nearest, next_nearest = (np.sqrt(np.maximum(2.0 - 2.0 * product, 0.0)) for product in (first, second))
-    # Where there is no second candidate its product is -2, farther than any.
     limit = used.ratio if ratio is None else ratio
-    good = (best >= 0) & (nearest <= used.max_distance) & (nearest <= limit * next_nearest)
+    good = (best >= 0) & (nearest <= used.max_distance)
+    good &= (nearest <= limit * next_nearest) | (second == _NONE)
     if mutual:
         good &= owner[best] == np.arange(len(a))
     rows = np.flatnonzero(good)

@@ -26,7 +26,7 @@ class SurfSettings:
         device: where features are detected and described: ``cpu``, compiled; ``gpu``, on arrays, by CuPy or PyTorch.
     """
 
-    hessian_threshold: Annotated[float, Field(gt=0)] = 4.0
+    hessian_threshold: Annotated[float, Field(gt=0)] = 30.0
     octaves: Annotated[int, Field(ge=1, le=5)] = 4
     layers: Annotated[int, Field(ge=3, le=5)] = 4
     max_features: Annotated[int, Field(ge=1)] = 1000

@@ -6,7 +6,7 @@ import numpy as np
 
 from services.estimator.surf.arrays.device import Array, Device
 from services.estimator.surf.arrays.sums import Sums, take
-from services.estimator.surf.detector import BALANCE, UNIT_SCALE, Blobs, thresholds
+from services.estimator.surf.detector import BALANCE, Blobs, thresholds, weighted
 from services.estimator.surf.octaves import SIGMA_PER_SIZE, Octave
 
 
@@ -132,4 +132,4 @@ def detect(sums: Sums, shape: tuple[int, int], octaves: list[Octave], threshold:
     """All maxima of an image of that shape, octave by octave; brought to the host, where they are chosen from."""
     found = [_in_octave(sums, shape, octave, threshold) for octave in octaves]
     x, y, scales, determinants, signs = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Blobs(np.column_stack([x, y]), scales, determinants * (scales / UNIT_SCALE), signs.astype(np.int8))
+    return Blobs(np.column_stack([x, y]), scales, determinants * weighted(scales), signs.astype(np.int8))
