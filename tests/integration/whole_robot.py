@@ -11,6 +11,7 @@ import numpy as np
 
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.recorder import Recorder
+from cli.demo.sensor import Sensor
 from cli.demo.story import Story, write_config
 from common import topics
 from common.errors import BusError
@@ -24,9 +25,9 @@ STILL_M_S = 0.02
 class WholeRobot:
     """A demo robot on which processes are killed; a context manager."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, sensor=Sensor.STEREO):
         self.config = folder / "robot.toml"
-        write_config(self.config, folder / "data")
+        write_config(self.config, folder / "data", None, sensor)
         self._story = Story(self.config, lambda _text, _part: None)
         self._place = StandingPlace(folder / "data" / "demo" / "run" / "standing_place")
 
