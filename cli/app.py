@@ -7,7 +7,9 @@ import typer
 
 from cli.commands import (
     align,
+    calibrate,
     doctor,
+    env,
     estop,
     localize,
     maps,
@@ -16,7 +18,9 @@ from cli.commands import (
     play,
     position,
     ps,
+    record,
     repeat,
+    replay_diff,
     state,
     teach,
     up,
@@ -27,7 +31,7 @@ from cli.leave_one_out.command import leave_one_out
 PROCESSES, OPERATION, DATA = "A robot's processes", "An operator's commands", "Maps and recordings"
 
 COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
-    (PROCESSES, (demo, up.up, up.down, ps.ps, doctor.doctor)),
+    (PROCESSES, (demo, up.up, up.down, ps.ps, doctor.doctor, calibrate.calibrate)),
     (
         OPERATION,
         (
@@ -41,7 +45,18 @@ COMMANDS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
             state.state,
         ),
     ),
-    (DATA, (play.play, odometry.odometry, localize.localize, align.align, leave_one_out)),
+    (
+        DATA,
+        (
+            play.play,
+            record.record,
+            replay_diff.replay_diff,
+            odometry.odometry,
+            localize.localize,
+            align.align,
+            leave_one_out,
+        ),
+    ),
 )
 
 app = typer.Typer(
@@ -54,6 +69,7 @@ for panel, commands in COMMANDS:
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(maps.app, name="maps", rich_help_panel=DATA)
+app.add_typer(env.app, name="env", rich_help_panel=DATA)
 
 
 @app.callback(invoke_without_command=True)

@@ -7,7 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from cli.errors import CommandError
-from services.sensors.recordings import LidarRecording, StereoRecording, open_lidar_recording, open_recording
+from services.sensors.recordings import (
+    LidarRecording,
+    StereoRecording,
+    is_lidar_recording,
+    open_lidar_recording,
+    open_recording,
+)
+from services.sensors.recordings.mcap import is_mcap_recording
+from services.sensors.recordings.opening import Names
+from services.sensors.recordings.ros import is_bag
+from services.sensors.recordings.timeline import LidarTimeline, StereoTimeline, Timeline
 
 _SLICE = re.compile(r"^(?P<start>\d*):(?P<stop>\d*)(?::(?P<step>\d*))?$")
 
@@ -42,6 +52,22 @@ def open_lidar_frames(path: Path, frames: str | None, option: str) -> LidarRecor
     part = recording.select(parse_slice(frames, option))
     _check_left(frames, len(part), len(recording), option)
     return part
+
+
+def open_slice(path: Path, frames: str, option: str, names: Names) -> Timeline:
+    """Some frames of a folder as a drive.
+
+    Raises:
+        RecordingError: the folder is no recording that can be read.
+        CommandError: ``frames`` is no slice or chooses fewer than two frames, or the recording is none of frames.
+    """
+    if is_bag(path) or is_mcap_recording(path):
+        raise CommandError(
+            f"{option} chooses of a folder's frames: of a bag or an MCAP choose by --start and --duration"
+        )
+    if is_lidar_recording(path):
+        return LidarTimeline(open_lidar_frames(path, frames, option), names.lidar)
+    return StereoTimeline(open_frames(path, frames, option), names.camera)
 
 
 def _check_left(frames: str, left: int, of: int, option: str) -> None:

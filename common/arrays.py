@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import GetCoreSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from common.geometry import is_transform
@@ -65,6 +66,15 @@ class ArraySpec:
         return core_schema.no_info_plain_validator_function(
             self.check, serialization=core_schema.plain_serializer_function_ser_schema(_as_lists, when_used="json")
         )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Nested lists of numbers as far as the shape is known; ``dtype`` is a note on the elements."""
+        made: JsonSchemaValue = {} if not self.shape else {"type": "number" if self.dtype in _FLOATS else "integer"}
+        for size in reversed(self.shape):
+            made = {"type": "array", "items": made}
+            if size is not None:
+                made |= {"minItems": size, "maxItems": size}
+        return {"type": "array", "dtype": self.dtype or "any"} | made
 
 
 def _as_lists(value: NDArray[Any]) -> Any:  # noqa: ANN401, nested lists of numbers

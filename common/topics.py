@@ -6,10 +6,12 @@ of ``vtr ps``.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
 from common import messages as m
+from common.ids import NAME_PATTERN
 
 SCHEMA = 1
 """Version of the messages: a receiver drops samples of another one."""
@@ -73,7 +75,9 @@ STEREO = Topic("sensor/stereo/{name}", m.StereoFrame, ("sensors", "player"), _FR
 CAMERA = Topic("sensor/camera/{name}", m.CameraFrame, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
 LIDAR = Topic("sensor/lidar/{name}", m.LidarScan, ("sensors", "player"), _FRAME, rate_hz=10, max_age_s=0.5)
 WHEEL_ODOMETRY = Topic("sensor/odometry", m.WheelOdometry, ("sensors", "player"), _FRAME, rate_hz=50, max_age_s=0.2)
-JOYSTICK = Topic("sensor/joystick", m.Joystick, ("sensors", "console", "operator"), _FRAME, rate_hz=20, max_age_s=0.3)
+JOYSTICK = Topic(
+    "sensor/joystick", m.Joystick, ("sensors", "console", "operator", "player"), _FRAME, rate_hz=20, max_age_s=0.3
+)
 
 ODOMETRY = Topic("odometry", m.Odometry, ("estimator",), _FRAME, rate_hz=10, max_age_s=0.5, priority=Priority.HIGH)
 LOCALIZATION = Topic(
@@ -120,3 +124,14 @@ TRUTH_PLACE = Topic("truth/place", m.Place, ("sensors",), _QUERY, answer=m.Done)
 TRUTH_TIME = Topic("truth/time", m.WorldTime, ("sensors",), _QUERY, answer=m.Done)
 
 ALL: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
+
+
+def find(key: str) -> tuple[Topic, str] | None:
+    """The topic that is published under a key below ``vtr/<robot>/``, and the name in the key; None where none is."""
+    for topic in ALL:
+        before, brace, _ = topic.key.partition("{")
+        if topic.delivery is not Delivery.QUERY and (key == topic.key or (brace and key.startswith(before))):
+            name = key.removeprefix(before) if brace else ""
+            if not brace or re.fullmatch(NAME_PATTERN, name):
+                return topic, name
+    return None

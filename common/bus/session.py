@@ -6,7 +6,7 @@ import json
 import queue
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeVar, cast
 
@@ -19,6 +19,7 @@ from common.bus.envelope import Envelope, Source
 from common.bus.presence import Presence
 from common.bus.statistics import Statistics
 from common.bus.subscription import Subscription
+from common.bus.tap import Tap
 from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError, Unavailable
 from common.messages import Message, now_ns
 from common.topics import Delivery, Priority, Topic
@@ -39,6 +40,10 @@ _SWITCH_INTERVAL_S = 0.0005
 
 _LEASE_MS = 3000
 """Silence after which a link is given up: a starved process is not a dead one, and one that hangs shows by its data."""
+
+_QUEUES = ("real_time", "interactive_high", "data", "background")
+_QUEUE_BATCHES = 16
+"""Of 64 kB, for each priority: a receiver that is not scheduled for some milliseconds costs no sample."""
 
 _REQUESTS_WAITING = 256
 
@@ -65,6 +70,7 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: fl
         "timestamping/enabled": True,
         "transport/link/tx/lease": _LEASE_MS,
     }
+    settings |= {f"transport/link/tx/queue/size/{priority}": _QUEUE_BATCHES for priority in _QUEUES}
     if mode == "client":
         settings["connect/timeout_ms"] = -1 if timeout is None else round(timeout * 1000)
         settings["connect/exit_on_failure"] = timeout is not None
@@ -203,19 +209,28 @@ class Bus:
     def subscribe(self, topic: Topic, name: str = "*", *, wake: threading.Event | None = None) -> Subscription[Any]:
         """The receiving end of a topic; ``wake`` is set at each arrival, so that a loop can wait for several topics."""
         subscription = Subscription(topic, topic.message, self.robot, self.statistics, wake)
-        key = topic.at(self.robot, name)
+        self._listen(topic, topic.at(self.robot, name), subscription.hand_over)
+        return subscription
+
+    def tap(self, keys: Iterable[tuple[Topic, str]]) -> Tap:
+        """Every sample of topics, each with the name of its one sensor or service, or ``*`` for all."""
+        tap = Tap(self.robot)
+        for topic, name in keys:
+            self._listen(topic, topic.at(self.robot, name), tap.receiver(topic))
+        return tap
+
+    def _listen(self, topic: Topic, key: str, receive: Callable[[zenoh.Sample], None]) -> None:
         if topic.delivery is Delivery.STATE:
             self._declared.append(
                 ext.declare_advanced_subscriber(
                     self.session,
                     key,
-                    subscription.hand_over,
+                    receive,
                     history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
                 )
             )
         else:
-            self._declared.append(self.session.declare_subscriber(key, subscription.hand_over))
-        return subscription
+            self._declared.append(self.session.declare_subscriber(key, receive))
 
     def serve(self, topic: Topic, handler: Callable[[Any], Message]) -> None:
         """Answers a topic's queries, one at a time in a thread of its own.

@@ -30,18 +30,24 @@ class _Wish(NamedTuple):
 
 
 class ExperienceLoader:
-    """Loads the experiences of the newest route, in a thread of its own; ``topology`` asks the map store."""
+    """Loads the experiences of the newest route, in a thread of its own; ``topology`` asks the map store.
+
+    Attributes:
+        loading: whether a wish has not been met yet.
+    """
 
     def __init__(self, topology: Callable[[str], Topology], settings: ExperienceSettings) -> None:
         self._topology = topology
         self._settings = settings
         self._wishes: queue.SimpleQueue[_Wish] = queue.SimpleQueue()
+        self.loading = False
 
     def load(
         self, environment: str, vertices: Sequence[VertexId], path: Array, use: Callable[[RouteExperiences], None]
     ) -> None:
         """Asks for the experiences beside a route; ``use`` is called with them in the loader's thread."""
         if self._settings.most > 0:
+            self.loading = True
             self._wishes.put(_Wish(environment, vertices, path, use))
 
     def run(self, stop: threading.Event) -> None:
@@ -55,6 +61,7 @@ class ExperienceLoader:
                     continue
             if self._load(wish):
                 wish = None
+                self.loading = not self._wishes.empty()
             else:
                 stop.wait(_RETRY_S)
 

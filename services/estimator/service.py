@@ -83,6 +83,11 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._last_step: Step[Live] | None = None
         self._last_success = time.monotonic()
 
+    @property
+    def busy(self) -> bool:
+        """Whether a commit, a submap or a route's experiences are still under way beside the frames' path."""
+        return self._committer.unanswered > 0 or self._submaps.missing or self._experiences.loading
+
     def run(self) -> None:
         """The loop: one frame after another, always the newest."""
         service = self._service

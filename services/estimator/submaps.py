@@ -62,6 +62,11 @@ class SubmapCache(Generic[V]):
         if self._wanted:
             self._wake.set()
 
+    @property
+    def missing(self) -> bool:
+        """Whether a submap that is wanted is still to be fetched."""
+        return bool(self._next_batch())
+
     def run(self, stop: threading.Event) -> None:
         """Fetches until the service stops."""
         while not stop.is_set():

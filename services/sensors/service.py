@@ -13,6 +13,7 @@ import structlog
 from common import messages as m
 from common import topics
 from common.service import Service
+from services.sensors.cameras import CameraDriver
 from services.sensors.settings import Settings
 from services.sensors.standing_place import StandingPlace
 from services.sensors.world import BaseState, World
@@ -30,6 +31,9 @@ def main(service: Service) -> None:
         log.info("no driver is configured; a playback may publish the sensors' topics")
         service.ready()
         service.stop.wait()
+        return
+    if settings.driver == "cameras":
+        CameraDriver(service, settings, quiet=PLAYER).run()
         return
     SyntheticDriver(service, settings).run()
 

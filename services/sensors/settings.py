@@ -1,13 +1,56 @@
-"""``[sensors]``: which driver runs, and the world that the synthetic one drives in."""
+"""``[sensors]``: which driver runs, the cameras of the real one, and the world that the synthetic one drives in."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
+from common.camera import Transfer
 from services.sensors.world.settings import WorldSettings
 
 Sensor = Literal["stereo", "camera", "lidar"]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSettings:
+    """``[sensors.cameras]``: the capture devices of the driver ``cameras``. Their image size is the calibration's.
+
+    Attributes:
+        devices: the left and the right camera, or one that delivers both side by side: numbers, or paths as
+            ``/dev/v4l/by-id/...``, which stay the same when cables are moved.
+        right_first: whether the first device, or half of the image, is the right camera's.
+        rate: images a second that the devices are asked for; None leaves it to them.
+        fourcc: code of the pixel format that they are asked for, as ``MJPG``; empty leaves it to them.
+        grey: whether colours are dropped, which costs the illumination-invariant stream and saves half of the work.
+        max_skew: seconds that the two images of a pair may be apart, where the devices tell it.
+        wavelengths: where red, green and blue are most sensitive, metres; see :class:`common.camera.StereoCamera`.
+        transfer: the cameras' transfer curve, likewise.
+    """
+
+    devices: tuple[int | str, ...] = (0, 1)
+    right_first: bool = False
+    rate: float | None = None
+    fourcc: str = ""
+    grey: bool = False
+    max_skew: float = 0.005
+    wavelengths: tuple[float, float, float] | None = None
+    transfer: Transfer = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuses what is no pair.
+
+        Raises:
+            ValueError: not one device or two, or a rate, a skew or a code that is none.
+        """
+        if len(self.devices) not in (1, 2) or len(set(self.devices)) != len(self.devices):
+            raise ValueError("`devices` names the left and the right camera, or one that delivers both side by side.")
+        if self.rate is not None and not self.rate > 0.0:
+            raise ValueError(f"`rate` is {self.rate} Hz; it must be positive.")
+        if not self.max_skew > 0.0:
+            raise ValueError(f"`max_skew` is {self.max_skew} s; it must be positive.")
+        if len(self.fourcc) not in (0, 4):
+            raise ValueError("`fourcc` is a code of four characters, as 'MJPG'.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,22 +58,27 @@ class Settings:
     """What this robot senses with.
 
     Attributes:
-        driver: ``synthetic``, the simulated world with its own robot base, or ``none``, where something else
-            (``vtr play``) publishes the sensors' topics.
+        driver: ``synthetic``, the simulated world with its own robot base; ``cameras``, a real stereo pair; or
+            ``none``, where something else (``vtr play``) publishes the sensors' topics.
         simulate: the sensors that the synthetic driver has besides its wheels: a ``stereo`` pair, one ``camera``, which
             is the pair's left one, a spinning ``lidar``. What is not named costs nothing.
         camera: name of the stereo pair, and of the camera, in its topic.
         lidar: name of the lidar in its topic.
         frame_rate: stereo pairs, or images, a second; the lidar's rate is one of the world's own settings.
+        calibration: file of ``vtr calibrate`` by which the driver ``cameras`` rectifies; a relative path begins at the
+            robot's TOML file.
+        cameras: the devices of the driver ``cameras``.
         base_rate: steps of the base and samples of wheel odometry a second.
         world: the synthetic world.
     """
 
-    driver: Literal["synthetic", "none"] = "synthetic"
+    driver: Literal["synthetic", "cameras", "none"] = "synthetic"
     simulate: tuple[Sensor, ...] = ("stereo",)
     camera: str = "front"
     lidar: str = "top"
     frame_rate: float = 10.0
+    calibration: Path | None = None
+    cameras: CameraSettings = field(default_factory=CameraSettings)
     base_rate: float = 50.0
     world: WorldSettings = field(default_factory=WorldSettings)
 

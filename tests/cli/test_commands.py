@@ -149,9 +149,9 @@ def test_a_demo_leaves_what_is_not_its_own(vtr, write_config, tmp_path):
 
 
 def test_a_pipeline_that_is_not_there_is_named_with_those_that_are(vtr, tmp_path):
-    result = vtr("odometry", tmp_path, "--pipeline", "lidar")
+    result = vtr("odometry", tmp_path, "--pipeline", "sonar")
     assert result.code == 2
-    assert result.sentence == "Invalid value for '--pipeline': 'lidar' is not one of 'stereo'."
+    assert result.sentence == "Invalid value for '--pipeline': 'sonar' is not one of 'stereo', 'lidar'."
 
 
 def test_down_needs_a_running_robot(vtr, write_config):

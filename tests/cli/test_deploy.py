@@ -11,7 +11,7 @@ from common import config
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 
 
-@pytest.mark.parametrize("name", ["robot.toml", "playback.toml"])
+@pytest.mark.parametrize("name", ["robot.toml", "playback.toml", "cameras.toml"])
 def test_an_example_is_a_right_configuration(name):
     robot.check(robot.load(DEPLOY / name))
 

@@ -114,3 +114,54 @@ def test_a_plot_that_cannot_be_written_is_refused_before_the_work(vtr, recording
     assert "no folder" in vtr("localize", recording, "--plot", tmp_path / "missing" / "x.png").sentence
     (tmp_path / "file").touch()
     assert "--plot" in vtr("localize", recording, "--plot", tmp_path / "file").sentence
+
+
+@pytest.fixture
+def scans(tmp_path):
+    """A folder of two scans of noise."""
+    rng = np.random.default_rng(0)
+    (tmp_path / "turns" / "velodyne").mkdir(parents=True)
+    turn = np.tile(np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 8)
+    slope = np.repeat(np.linspace(0.1, -0.3, 8), 400)
+    for index in range(2):
+        distance = rng.uniform(4, 6, len(turn))
+        points = distance[:, None] * np.stack([np.cos(turn), np.sin(turn), slope], -1)
+        rows = np.column_stack([points, rng.uniform(0, 1, len(turn))]).astype("<f4")
+        rows.tofile(tmp_path / "turns" / "velodyne" / f"{index:06d}.bin")
+    return tmp_path / "turns"
+
+
+def test_a_lidars_scan_without_intensity_is_named_and_nothing_written(vtr, scans, tmp_path):
+    file = scans / "velodyne" / "000001.bin"
+    values = np.fromfile(file, "<f4").reshape(-1, 4)
+    values[:, 3] = 0.0
+    values.tofile(file)
+    result = vtr("odometry", scans, "--pipeline", "lidar", "-o", tmp_path / "poses.txt")
+    assert result.code == 1
+    assert "scan 1" in result.sentence
+    assert "intensity" in result.sentence
+    assert not (tmp_path / "poses.txt").exists()
+
+
+def test_a_truncated_scan_is_named(vtr, scans):
+    file = scans / "velodyne" / "000001.bin"
+    file.write_bytes(file.read_bytes()[:-3])
+    assert "000001.bin is truncated" in vtr("odometry", scans).sentence
+
+
+def test_the_pipeline_follows_from_the_recording(vtr, scans, recording):
+    assert json.loads(vtr("odometry", scans, "--json").out)["pipeline"] == "lidar"
+    assert json.loads(vtr("odometry", recording, "--json").out)["pipeline"] == "stereo"
+    assert "no scans" in vtr("odometry", recording, "--pipeline", "lidar").sentence
+
+
+def test_lidar_odometry_says_that_its_truth_is_a_pseudo_truth(vtr, data_dir, tmp_path):
+    files = ("--frames", ":10", "-o", tmp_path / "poses.txt", "--json")
+    result = vtr("odometry", data_dir / "lidar_kitti_street22", "--pipeline", "lidar", *files)
+    figures = json.loads(result.out)
+    assert result.code == 0
+    assert np.loadtxt(tmp_path / "poses.txt").shape == (10, 12)
+    assert figures["drift"]["against"] == "pseudo truth"
+    assert figures["drift"]["end_point_percent"] < 3
+    assert figures["drift"]["end_rotation_deg"] < 1
+    assert figures["frames_per_second"] > 0

@@ -13,6 +13,7 @@ from common.camera import StereoCamera
 from common.ids import VertexId, new_map_id
 from common.messages import Command, Done, MapRecord, Odometry, State, StateName, now_ns
 from services.sensors.recordings import RecordingError, StereoPair
+from services.sensors.recordings.timeline import StereoTimeline
 from tests.processes import Robot, eventually
 
 FRAMES = 7
@@ -110,15 +111,17 @@ class Torn(Drive):
 
 def _play(robot, role, rate=50.0, drive=Drive):
     with client.connect(load(robot.config), player.PROCESS) as bus:
-        made = player.Player(bus, drive(), "front", rate)
-        return made.teach(Command(action="teach"), lambda: None) if role == "teach" else made.play(lambda: None)
+        made = player.Player(bus, StereoTimeline(drive(), "front"), rate)
+        if role == "teach":
+            return made.teach(Command(action="teach"), "sensor/stereo/front", lambda: None)
+        return made.play(lambda: None)
 
 
 def test_a_taught_recording_is_used_frame_by_frame_and_finished(robot, fakes):
     played = _play(robot, "teach")
     assert fakes.used == [0, *range(FRAMES)]
     assert fakes.commands == ["teach", "finish"]
-    assert played.frames == FRAMES
+    assert played.messages == {"sensor/stereo/front": FRAMES}
     assert played.text == "finish done"
 
 
@@ -148,7 +151,7 @@ def test_a_frame_that_was_dropped_is_played_again(robot, fakes, monkeypatch):
 
     fakes._odometry.put = lose_the_first_answer_to_three
     played = _play(robot, "teach")
-    assert played.frames == FRAMES
+    assert played.messages == {"sensor/stereo/front": FRAMES}
     assert fakes.used.count(3) >= 2
     assert fakes.commands == ["teach", "finish"]
 
@@ -182,7 +185,7 @@ def test_without_a_teach_frames_are_published_whoever_listens(robot):
     frames = watcher.subscribe(topics.STEREO, "front")
     eventually(lambda: "router" in presence, "the watcher is connected")
     played = _play(robot, None, rate=0.05)
-    assert played.frames == FRAMES
+    assert played.messages == {"sensor/stereo/front": FRAMES}
 
     def last():
         received = frames.last()

@@ -12,6 +12,7 @@ from common.ids import VertexId
 from common.messages import Command, GraphQuery, StateName
 from common.posegraph.topology import from_topology
 from services.sensors.recordings import open_recording
+from services.sensors.recordings.timeline import StereoTimeline
 from tests.integration.whole_robot import state_is
 from tests.processes import eventually, free_port
 
@@ -49,7 +50,8 @@ def test_a_played_recording_is_a_map_with_the_recorded_path(recording, robot):
     with client.connect(robot, player.PROCESS) as bus:
         states = bus.subscribe(topics.STATE)
         command = Command(action="teach", start_place="start", end_place="end")
-        played = player.Player(bus, recording, "front", 1.0).teach(command, lambda: None)
+        playing = player.Player(bus, StereoTimeline(recording, "front"))
+        played = playing.teach(command, "sensor/stereo/front", lambda: None)
         (stored,) = bus.ask(topics.MAPS, GraphQuery(), timeout=10.0).maps
         path, places = _stored_path(bus, stored.record)
         eventually(lambda: state_is(states, StateName.IDLE), "the robot is idle")

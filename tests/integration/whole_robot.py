@@ -25,9 +25,9 @@ STILL_M_S = 0.02
 class WholeRobot:
     """A demo robot on which processes are killed; a context manager."""
 
-    def __init__(self, folder, sensor=Sensor.STEREO):
+    def __init__(self, folder, sensor=Sensor.STEREO, light=None):
         self.config = folder / "robot.toml"
-        write_config(self.config, folder / "data", None, sensor)
+        write_config(self.config, folder / "data", light, sensor)
         self._story = Story(self.config, lambda _text, _part: None)
         self._place = StandingPlace(folder / "data" / "demo" / "run" / "standing_place")
 

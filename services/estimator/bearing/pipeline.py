@@ -5,20 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from common import geometry
 from common.errors import ImageError
 from common.geometry import Array, Uncertain
 from common.messages import CameraFrame, Keyframe, VertexRecord
-from common.registration.images import Image
 from services.estimator.bearing import submap as submaps
 from services.estimator.bearing.actions import ActionLog
 from services.estimator.bearing.comparison import BearingLive, Comparison, StoredImage
 from services.estimator.bearing.settings import BearingSettings
 from services.estimator.bearing.submap import BearingSubmap
 from services.estimator.pipeline import Localized, Step
+from services.estimator.thumbnail import thumbnail
 
 STREAM = "bearing"
 
@@ -29,8 +28,6 @@ UNMEASURED_M = 1.0
 
 _FRAME_S = 0.1
 _TILT = 0.05
-_THUMBNAIL_WIDTH = 200
-_JPEG_QUALITY = 80
 _UNKNOWN = np.array([1.0, 0.1, 0.1, 0.1, 0.1, 0.5])
 """Standard deviations of a second's motion that nothing measured, metres and radians."""
 
@@ -89,7 +86,7 @@ class BearingPipeline:
         return Keyframe(
             pipeline=STREAM,
             arrays=submaps.to_arrays(live.prepared.described, self._log.take()),
-            thumbnail=_thumbnail(live.image),
+            thumbnail=thumbnail(live.image),
         )
 
     def read(self, record: VertexRecord) -> BearingSubmap:
@@ -161,12 +158,3 @@ def covariance_of(distance: float, heading: float) -> Array:
 
 def _failed(reason: str, prior: Uncertain) -> Localized:
     return Localized(success=False, T_vertex_live=prior, inliers=0, stream="none", reason=reason)
-
-
-def _thumbnail(image: Image) -> bytes:
-    """A small JPEG of an image."""
-    height = max(1, round(image.shape[0] * _THUMBNAIL_WIDTH / image.shape[1]))
-    small = cv2.resize(image, (_THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA)
-    bgr = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2BGR)
-    ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return bytes(data) if ok else b""

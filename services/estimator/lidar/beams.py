@@ -21,6 +21,8 @@ MAX_BEAMS = 512
 _MIN_BEAMS = 4
 _MIN_TURN = 50
 """Points that a beam's turn holds at least, on average, for the order of the points to be believed."""
+_STEP = 0.03
+"""Longest step between two neighbours of a turn, radians: what is longer is a gap."""
 _BINNED_ROWS = 64
 _WIDER = 1.15
 """A pixel's width in steps of the lidar: a little more than one, so that none stays empty between two steps."""
@@ -128,23 +130,28 @@ def rings_by_order(azimuth: Array) -> NDArray[np.int64] | None:
 def _turns(azimuth: Array, rings: NDArray[np.int64]) -> tuple[int, int, int]:
     """Write the number of turns before each point; how many points there are, how many turns, and steps forwards.
 
-    Turns are cut where the azimuth passes that of the first point, wherever that is.
+    Turns are cut half a step before the azimuth of the first point, wherever that is.
     """
     forwards, backwards, last = 0, 0, np.nan
+    steps, total = 1, 0.0
     for i in range(azimuth.shape[0]):
         step = azimuth[i] - last
         forwards += 0.0 < step < np.pi
         backwards += -np.pi < step < 0.0
+        if abs(step) < _STEP:
+            steps += 1
+            total += abs(step)
         if np.isfinite(azimuth[i]):
             last = azimuth[i]
     direction = 1.0 if forwards >= backwards else -1.0
+    half = 0.5 * total / steps
     known, turns, least, most, ahead, first, before = 0, 0, 0, 0, 0, 0.0, 0.0
     for i in range(azimuth.shape[0]):
         if not np.isfinite(azimuth[i]):
             continue
         if known == 0:
             first = azimuth[i]
-        turned = (direction * (azimuth[i] - first) + 0.01) % (2.0 * np.pi)
+        turned = (direction * (azimuth[i] - first) + half) % (2.0 * np.pi)
         if known > 0:
             step = turned - before
             turns += int(step < -np.pi) - int(step > np.pi)

@@ -57,7 +57,7 @@ class LidarLocalizer:
         # The prior guides the search and judges the outcome; the pose itself comes from the scan alone, since a prior
         # that is fused again at every scan would count its own past as new evidence.
         solution = solver.solve_matches(landmarks, live.features, found, T_live_map.T, s.matching)
-        return _judge(prior, found, solution, s.min_inliers, s)
+        return _judge(prior, landmarks, live, found, solution, s.min_inliers, s)
 
     def localize_without_prior(self, landmarks: Landmarks, live: LidarFrame) -> LocalizationResult:
         """Pose of the live scan in a map of which only the neighbourhood is known."""
@@ -65,20 +65,29 @@ class LidarLocalizer:
         guess = Uncertain(np.eye(4), np.diag(np.repeat([s.search_distance, s.search_rotation], 3) ** 2))
         everywhere = replace(s.matching, max_radius=np.pi, ransac_iterations=s.search_iterations)
         found, solution = search(landmarks, live.features, live.ranges, guess.inverse(), s.matching, everywhere)
-        return _judge(guess, found, solution, s.search_min_inliers, s)
+        return _judge(guess, landmarks, live, found, solution, s.search_min_inliers, s)
 
 
 def _judge(
-    prior: Uncertain, found: Matches, solution: solver.Solution | None, min_inliers: int, settings: LocalizationSettings
+    prior: Uncertain,
+    landmarks: Landmarks,
+    live: LidarFrame,
+    found: Matches,
+    solution: solver.Solution | None,
+    min_inliers: int,
+    settings: LocalizationSettings,
 ) -> LocalizationResult:
     """Apply the criteria of success."""
     matches = len(found.landmarks)
     T_map_live, inliers, mahalanobis2 = prior, np.zeros(matches, dtype=np.bool_), float("nan")
     reason = f"no pose fits the {matches} landmarks that were found"
     if solution is not None:
-        T_map_live, inliers = solution.T_live_map.inverse(), solution.inliers
+        # The map's scan was corrected for its motion as the live one is, and no better.
+        corrections = Uncertain(np.eye(4), 2.0 * live.correction)
+        T_map_live, inliers = solution.T_live_map.inverse() @ corrections, solution.inliers
         mahalanobis2 = T_map_live.mahalanobis2(prior)
-        reason = _objection(T_map_live, inliers, mahalanobis2, min_inliers, settings)
+        agreement = live.ranges.agreement(landmarks.points, solution.T_live_map.T)
+        reason = _objection(T_map_live, inliers, agreement, mahalanobis2, min_inliers, settings)
     return LocalizationResult(
         success=not reason,
         reason=reason,
@@ -94,6 +103,7 @@ def _judge(
 def _objection(
     T_map_live: Uncertain,
     inliers: NDArray[np.bool_],
+    agreement: float,
     mahalanobis2: float,
     min_inliers: int,
     settings: LocalizationSettings,
@@ -104,6 +114,8 @@ def _objection(
         return f"only {agree} landmarks agree on the pose, {min_inliers} are needed"
     if agree < settings.min_inlier_ratio * matches:
         return f"only {agree} of {matches} landmarks agree on the pose"
+    if agreement < settings.min_agreement:
+        return f"only {100 * agreement:.0f} % of the landmarks in view are where the pose puts them"
     position, rotation = (
         float(np.sqrt(np.linalg.eigvalsh(block)[-1]))
         for block in (T_map_live.covariance[:3, :3], T_map_live.covariance[3:, 3:])

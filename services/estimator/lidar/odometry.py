@@ -19,7 +19,7 @@ from services.estimator import motion_model
 from services.estimator.lidar import beams, matching, solver
 from services.estimator.lidar import scan as scans
 from services.estimator.lidar.beams import ScanError, StackGeometry
-from services.estimator.lidar.distortion import compensate
+from services.estimator.lidar.distortion import T_stamp_middle, compensate, uncertainty
 from services.estimator.lidar.features import Landmarks, LidarFeatures
 from services.estimator.lidar.preprocessing import LidarFrame, preprocess
 from services.estimator.lidar.search import search
@@ -74,10 +74,12 @@ class _Keyframe:
     Attributes:
         features: as measured, before any correction.
         landmarks: after it.
+        correction: (6, 6) covariance that the correction leaves.
     """
 
     features: LidarFeatures
     landmarks: Landmarks
+    correction: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +90,22 @@ class _Motion:
     T_keyframe_last: Uncertain
     velocity: Uncertain | None
     """Twist per second as a transform ``exp(xi)``, None until a motion was measured."""
+    T_last_middle: Array
+    """(4, 4), the lidar in the middle of the last turn, by the twist that the turn was corrected with."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """One attempt at a motion: the features that it was made of, how many matched, and the pose, if there is one."""
+    """One attempt at a motion.
+
+    Attributes:
+        features: that it was made of, corrected with ``twist`` (6,).
+        matches: how many landmarks were found again.
+        solution: the pose, if there is one.
+    """
 
     features: LidarFeatures
+    twist: Array
     matches: int
     solution: solver.Solution | None
 
@@ -134,10 +145,11 @@ class LidarOdometry:
         step = prior or motion_model.constant_velocity(motion.velocity, seconds, self.settings.odometry)
         measured = None
         if prior is not None or motion.velocity is not None:
-            measured = self._measure(keyframe, frame.features, motion, step, seconds, times)
+            measured = self._measure(keyframe, frame, motion, step, seconds, times)
         if measured is None or measured.solution is None:
             measured = self._search(keyframe, frame, motion, seconds, times)
-        return self._conclude(frame, motion, seconds, motion.T_keyframe_last @ step, measured, times)
+        # Measuring may have told how the last scan moved.
+        return self._conclude(frame, self._motion, seconds, motion.T_keyframe_last @ step, measured, times)
 
     def _preprocess(self, scan: LidarScan) -> LidarFrame:
         """The scan's keypoints; the first sound scan tells how the lidar's beams lie."""
@@ -160,16 +172,16 @@ class LidarOdometry:
     def _measure(
         self,
         keyframe: _Keyframe,
-        raw: LidarFeatures,
+        frame: LidarFrame,
         motion: _Motion,
         step: Uncertain,
         seconds: float,
         times: dict[str, float],
     ) -> _Measured:
         """Match around ``step``, the expected motion since the last scan, and solve."""
-        live = self._corrected(raw, geometry.log(step.T) / seconds)
-        first = self._solve(keyframe.landmarks, live, motion, step, step, times)
-        return self._again(first, keyframe, raw, motion, step, seconds, times)
+        twist = geometry.log(step.T) / seconds
+        first = self._solve(keyframe.landmarks, frame, twist, motion, step, step, times)
+        return self._again(first, keyframe, frame, motion, step, seconds, times)
 
     def _search(
         self, keyframe: _Keyframe, frame: LidarFrame, motion: _Motion, seconds: float, times: dict[str, float]
@@ -182,32 +194,35 @@ class LidarOdometry:
         guess = (motion.T_keyframe_last @ anything).inverse()
         found, solution = search(keyframe.landmarks, live, frame.ranges, guess, s.matching, s.matching)
         times["match"] += 1e3 * (perf_counter() - begin)
-        first = self._judged(live, len(found.landmarks), solution)
-        return self._again(first, keyframe, frame.features, motion, anything, seconds, times)
+        first = self._judged(keyframe.landmarks, frame, live, np.zeros(6), len(found.landmarks), solution)
+        return self._again(first, keyframe, frame, motion, anything, seconds, times)
 
     def _again(
         self,
         first: _Measured,
         keyframe: _Keyframe,
-        raw: LidarFeatures,
+        frame: LidarFrame,
         motion: _Motion,
         step: Uncertain,
         seconds: float,
         times: dict[str, float],
     ) -> _Measured:
         """Once more, with the motion within the turn as the first pose tells it."""
+        raw = frame.features
         if first.solution is None or not (raw.offsets.any() and self.settings.odometry.compensate):
             return first
         T_last_keyframe = geometry.inverse(motion.T_keyframe_last.T)
         T_last_live = T_last_keyframe @ geometry.inverse(first.solution.T_live_map.T)
-        twist = geometry.log(T_last_live) / seconds
+        twist = _twist(motion, T_last_live, T_stamp_middle(raw, first.twist), seconds)
         landmarks = keyframe.landmarks
         if motion.velocity is None:
-            # The keyframe is the first scan: only now is anything known of how it moved.
+            # The keyframe is the last scan: only now is anything known of how it moved.
             landmarks = self._corrected(keyframe.features, twist).landmarks()
-            self._keyframe = _Keyframe(keyframe.features, landmarks)
+            self._keyframe = replace(keyframe, landmarks=landmarks)
+            motion = replace(motion, T_last_middle=T_stamp_middle(keyframe.features, twist))
+            self._motion = motion
         around = Uncertain(T_last_live, first.solution.T_live_map.covariance + _NARROW)
-        second = self._solve(landmarks, self._corrected(raw, twist), motion, around, step, times)
+        second = self._solve(landmarks, frame, twist, motion, around, step, times)
         return second if second.solution is not None else first
 
     def _corrected(self, features: LidarFeatures, twist: Array) -> LidarFeatures:
@@ -216,7 +231,8 @@ class LidarOdometry:
     def _solve(
         self,
         landmarks: Landmarks,
-        live: LidarFeatures,
+        frame: LidarFrame,
+        twist: Array,
         motion: _Motion,
         around: Uncertain,
         known: Uncertain,
@@ -224,6 +240,7 @@ class LidarOdometry:
     ) -> _Measured:
         """Match and solve; both motions are since the last scan: where to look, and what the prior knows."""
         s, T_keyframe_last = self.settings.odometry.matching, motion.T_keyframe_last
+        live = self._corrected(frame.features, twist)
         begin = perf_counter()
         T_live_keyframe = (T_keyframe_last @ around).inverse()
         found = matching.match(landmarks, live, T_live_keyframe, s)
@@ -234,22 +251,34 @@ class LidarOdometry:
         solution = solver.solve_matches(landmarks, live, found, T_live_keyframe.T, s, weak)
         times["match"] += 1e3 * (middle - begin)
         times["solve"] += 1e3 * (perf_counter() - middle)
-        return self._judged(live, len(found.landmarks), solution)
+        return self._judged(landmarks, frame, live, twist, len(found.landmarks), solution)
 
-    def _judged(self, live: LidarFeatures, matches: int, solution: solver.Solution | None) -> _Measured:
-        """What was measured, without its pose where too few agree on it."""
+    def _judged(
+        self,
+        landmarks: Landmarks,
+        frame: LidarFrame,
+        live: LidarFeatures,
+        twist: Array,
+        matches: int,
+        solution: solver.Solution | None,
+    ) -> _Measured:
+        """What was measured, without its pose where too few agree on it, or the ranges do not."""
         s = self.settings.odometry
         needed = max(float(s.min_inliers), s.min_inlier_ratio * matches)
-        enough = solution is not None and solution.inliers.sum() >= needed
-        return _Measured(live, matches, solution if enough else None)
+        if solution is not None and (
+            solution.inliers.sum() < needed
+            or frame.ranges.agreement(landmarks.points, solution.T_live_map.T) < s.min_agreement
+        ):
+            solution = None
+        return _Measured(live, twist, matches, solution)
 
     def _start(self, frame: LidarFrame, times: dict[str, float]) -> OdometryResult:
         """The first scan: nothing to compare it with."""
         enough = len(frame.features) >= self.settings.odometry.min_inliers
         if enough:
             still = self._corrected(frame.features, np.zeros(6))
-            self._keyframe = _Keyframe(frame.features, still.landmarks())
-            self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None)
+            self._keyframe = _Keyframe(frame.features, still.landmarks(), np.zeros((6, 6)))
+            self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None, np.eye(4))
         return OdometryResult(
             stamp_ns=frame.stamp_ns,
             success=enough,
@@ -281,13 +310,22 @@ class LidarOdometry:
         inliers = int(solution.inliers.sum()) if solution else 0
         T_keyframe_live = solution.T_live_map.inverse() if solution else predicted
         T_last_keyframe = geometry.inverse(motion.T_keyframe_last.T)
-        T_previous_live = Uncertain(
-            T_last_keyframe @ T_keyframe_live.T, motion_model.moved(T_keyframe_live.covariance, T_last_keyframe)
-        )
+        T_last_live = T_last_keyframe @ T_keyframe_live.T
         self._failures = 0 if success else self._failures + 1
-        velocity = motion_model.velocity(T_previous_live, seconds) if success else motion.velocity
+        used = measured.twist if success else geometry.log(T_last_live) / seconds
+        corrected = measured.features if success else self._corrected(frame.features, used)
+        T_live_middle = T_stamp_middle(frame.features, used)
+        velocity, correction = motion.velocity, np.zeros((6, 6))
+        if success:
+            twist = _twist(motion, T_last_live, T_live_middle, seconds)
+            change = np.zeros(6) if velocity is None else twist - geometry.log(velocity.T)
+            correction = uncertainty(frame.features, T_keyframe_live.covariance, change, seconds)
+            before = Uncertain(np.eye(4), np.zeros((6, 6)) if self._keyframe is None else self._keyframe.correction)
+            T_keyframe_live = before @ T_keyframe_live @ Uncertain(np.eye(4), correction)
+            moved = motion_model.moved(T_keyframe_live.covariance, T_last_keyframe)
+            velocity = Uncertain(geometry.exp(twist), moved / seconds**2)
+        T_previous_live = Uncertain(T_last_live, motion_model.moved(T_keyframe_live.covariance, T_last_keyframe))
         T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
-        corrected = self._corrected(frame.features, geometry.log(T_previous_live.T) / seconds)
         is_keyframe = self._is_keyframe_due(len(corrected), T_keyframe_live.T, inliers, success=success)
         result = OdometryResult(
             stamp_ns=frame.stamp_ns,
@@ -301,19 +339,19 @@ class LidarOdometry:
             matches=measured.matches,
             inliers=inliers,
             rms=solution.rms if solution else 0.0,
-            frame=replace(frame, features=corrected),
+            frame=replace(frame, features=corrected, correction=correction),
             milliseconds=times,
         )
         last = T_keyframe_live
         if is_keyframe:
-            self._keyframe = _Keyframe(frame.features, corrected.landmarks())
+            self._keyframe = _Keyframe(frame.features, corrected.landmarks(), correction)
             self._T_odom_keyframe = geometry.normalize(T_odom_live)
             self._number += 1
             last, self._failures = Uncertain.identity(), 0
         known = (
             velocity if self._failures < self.settings.odometry.max_failures and (success or not is_keyframe) else None
         )
-        self._motion = _Motion(frame.stamp_ns, last, known)
+        self._motion = _Motion(frame.stamp_ns, last, known, T_live_middle)
         return result
 
     def _why_not(self, frame: LidarFrame, matches: int) -> str:
@@ -331,9 +369,15 @@ class LidarOdometry:
         if features < s.min_inliers:
             return False
         if not success:
-            return self._failures >= s.max_failures
+            # Before any motion is known nothing is lost by beginning anew, and the next scan is nearer to this one.
+            return self._failures >= s.max_failures or self._motion is None or self._motion.velocity is None
         return bool(
             inliers < s.keyframe_inliers
             or np.linalg.norm(T_keyframe_live[:3, 3]) > s.keyframe_distance
             or geometry.rotation_angle(T_keyframe_live) > s.keyframe_rotation
         )
+
+
+def _twist(motion: _Motion, T_last_live: Array, T_live_middle: Array, seconds: float) -> Array:
+    """The lidar's twist (6,), m/s and rad/s, from the middle of the last turn to that of the live one."""
+    return np.asarray(geometry.log(geometry.inverse(motion.T_last_middle) @ T_last_live @ T_live_middle) / seconds)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.geometry import Array
 from common.lidar import LidarScan
 from services.estimator.lidar import images, keypoints
 from services.estimator.lidar.agreement import RangeImage
@@ -27,12 +28,14 @@ class LidarFrame:
         features: what was found in it; odometry brings them to the frame of the stamp.
         brightness: (H, W) uint8, the image that they were found in.
         ranges: by direction, as measured.
+        correction: (6, 6) covariance of the pose, in the scan's frame, by what is not known of the motion in the turn.
     """
 
     stamp_ns: int
     features: LidarFeatures
     brightness: Image
     ranges: RangeImage
+    correction: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 def preprocess(scan: LidarScan, geometry: StackGeometry, settings: LidarSettings) -> LidarFrame:

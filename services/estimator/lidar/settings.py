@@ -24,7 +24,7 @@ class ImageSettings:
 
     min_range: Annotated[float, Field(ge=0)] = 1.5
     max_range: Annotated[float, Field(gt=0)] = 120.0
-    contrast: Annotated[float, Field(gt=0, le=128)] = 30.0
+    contrast: Annotated[float, Field(gt=0, le=128)] = 45.0
     support: Annotated[int, Field(ge=1, le=100)] = 10
     min_support: Annotated[float, Field(ge=0, le=1)] = 0.85
 
@@ -47,14 +47,14 @@ class KeypointSettings:
     """Metric keypoints.
 
     Attributes:
-        surf: detector and descriptor; upright, for the vehicle and its lidar stand upright.
+        surf: detector and descriptor; upright, for the vehicle and its lidar stand upright, and spread over the image.
         half_width, half_height: of the window of the stack that a keypoint's measurement is fitted in, pixels.
         min_filled: least part of that window that holds measurements.
         max_roughness: largest root mean square distance of the window's ranges from a plane, metres.
         max_relative_roughness: and as a part of the range; the larger of the two counts.
     """
 
-    surf: SurfSettings = field(default_factory=lambda: SurfSettings(upright=True))
+    surf: SurfSettings = field(default_factory=lambda: SurfSettings(upright=True, cell=40))
     half_width: int = 2
     half_height: int = 1
     min_filled: float = 0.6
@@ -79,8 +79,8 @@ class MatchingSettings:
 
     gate: float = 3.5
     max_radius: float = 0.5
-    max_distance: float = 0.7
-    ratio: float = 0.8
+    max_distance: float = 0.5
+    ratio: float = 0.85
     ransac_iterations: int = 400
     inlier_gate: float = 3.0
     solver_iterations: int = 15
@@ -100,6 +100,8 @@ class OdometrySettings:
         start_turn_rate: likewise of the turn rate, rad/s.
         min_inliers: fewer is a failure.
         min_inlier_ratio: least part of the matches that agree.
+        min_agreement: least part of the map's landmarks in view that lie on a surface of the live scan: of a true pose
+            it is 0.6 and more, even where much is hidden.
         keyframe_inliers: below this many inliers the live scan becomes the keyframe.
         keyframe_distance: and beyond this distance from the keyframe, metres.
         keyframe_rotation: and beyond this rotation, radians.
@@ -112,8 +114,9 @@ class OdometrySettings:
     angular_acceleration: float = 5.0
     start_speed: float = 12.0
     start_turn_rate: float = 0.6
-    min_inliers: int = 15
+    min_inliers: int = 20
     min_inlier_ratio: float = 0.15
+    min_agreement: float = 0.5
     keyframe_inliers: int = 40
     keyframe_distance: float = 3.0
     keyframe_rotation: float = 0.3
@@ -139,6 +142,8 @@ class LocalizationSettings:
         matching: search, consensus and solve.
         min_inliers: fewer is a failure.
         min_inlier_ratio: least part of the matches that agree.
+        min_agreement: least part of the map's landmarks in view that lie on a surface of the live scan: of a true pose
+            it is 0.6 and more, even where much is hidden.
         max_position_sigma: largest standard deviation of the position, metres, along the worst axis.
         max_rotation_sigma: largest standard deviation of the rotation, radians, about the worst axis.
         max_mahalanobis2: largest squared Mahalanobis distance to the prior, 6 degrees of freedom.
@@ -149,15 +154,16 @@ class LocalizationSettings:
     """
 
     matching: MatchingSettings = field(default_factory=MatchingSettings)
-    min_inliers: int = 15
+    min_inliers: int = 20
     min_inlier_ratio: float = 0.15
+    min_agreement: float = 0.5
     max_position_sigma: float = 0.15
     max_rotation_sigma: float = 0.03
     max_mahalanobis2: float = 33.0
     search_distance: float = 1.0
     search_rotation: float = 0.3
     search_iterations: int = 2000
-    search_min_inliers: int = 20
+    search_min_inliers: int = 25
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,7 @@ def score(first: tuple[Array, Array], second: tuple[Array, Array], pairs: NDArra
 
 def _is_seen(points: Array, mask: Image) -> NDArray[np.bool_]:
     pixels = np.rint(points).astype(np.int64)
-    inside = (pixels >= 0).all(axis=1) & (pixels < [mask.shape[1], mask.shape[0]]).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < [mask.shape[1], mask.shape[0]]), axis=1)
     inside[inside] = mask[pixels[inside, 1], pixels[inside, 0]] > 0
     return inside
 

@@ -13,7 +13,7 @@ from common.errors import RetraverseError
 
 Image = NDArray[np.uint8]
 
-_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
 _PNG_START, _PNG_END = b"\x89PNG", b"IEND\xaeB\x60\x82"
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 
@@ -30,7 +30,7 @@ def image_files(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise RecordingError(f"there is no folder {folder}: check the recording's path")
-    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in _SUFFIXES), key=lambda f: (number_of(f), f.name))
+    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES), key=lambda f: (number_of(f), f.name))
     if not files:
         raise RecordingError(f"{folder} holds no images: copy the recording's images there")
     numbers = np.array([number_of(f) for f in files])

@@ -24,8 +24,9 @@ def pair(shift, **live):
 @given(st.floats(-150, 150))
 def test_a_known_shift_is_found_to_a_fraction_of_a_pixel_positive_to_the_right(shift):
     result = register(*pair(shift))
-    assert abs(result.shift_px - shift) < 0.6
-    assert result.score > 0.9
+    assert abs(result.shift_px - shift) < 0.3
+    # What one image shows and the other does not, up to 30 % here, takes a part of the likeness.
+    assert result.score > 0.95 - 0.1 * abs(shift) / 150
     assert result.confidence > 0.5
 
 

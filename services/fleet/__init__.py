@@ -1,0 +1,1 @@
+"""The fleet's server: what it derives from the maps of all robots."""

@@ -1,0 +1,126 @@
+"""Time series in which rhythms are sought: samples of one quantity, or how alike maps are by the time between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+_MOST = 20_000
+"""Most samples that an analysis works on; more are averaged within equal bins of time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """N samples, ascending in time.
+
+    Attributes:
+        hours: (N,) their times.
+        values: (N,).
+        weights: (N,) how many measurements each stands for.
+        lags: whether the times are those between two maps, so that what changes for good shows as ``|hours|`` grows.
+        nuisance: (Q,) 1/hour, frequencies that lie under everything like the mean: none is sought there.
+    """
+
+    hours: Array
+    values: Array
+    weights: Array
+    lags: bool = False
+    nuisance: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, hours: Array, values: Array) -> Self:
+        """Samples in any order; many are averaged within bins, to at most twenty thousand."""
+        order = np.argsort(hours, kind="stable")
+        hours, values = hours[order], values[order]
+        if len(hours) <= _MOST:
+            return cls(hours, values, np.ones(len(hours)))
+        bins = bins_of(hours, _MOST)
+        count = np.bincount(bins, minlength=_MOST)
+        kept = count > 0
+        hours, values = (np.bincount(bins, part, minlength=_MOST)[kept] / count[kept] for part in (hours, values))
+        return cls(hours, values, count[kept].astype(np.float64))
+
+    @property
+    def span(self) -> float:
+        """Hours from the first sample to the last, or from the first map to the last."""
+        return float(self.hours[-1] - (0.0 if self.lags else self.hours[0]))
+
+    @property
+    def independent(self) -> float:
+        """Number of values less those that the mean and what lies under the rhythms take."""
+        return len(self.hours) - 2.0 - 2.0 * len(self.nuisance)
+
+    @property
+    def shares(self) -> Array:
+        """(N,) each sample's part of all measurements; the sum is 1."""
+        shares: Array = self.weights / self.weights.sum()
+        return shares
+
+
+def bins_of(hours: Array, count: int) -> NDArray[np.int64]:
+    """(N,) the number of the bin of each time, of ``count`` equal bins from the first time to the last."""
+    first, last = float(hours.min()), float(hours.max())
+    scale = count / (last - first) if last > first else 0.0
+    return np.minimum(((hours - first) * scale).astype(np.int64), count - 1)
+
+
+def likeness(matrix: Matrix) -> Matrix:
+    """How alike maps are (n, n), on a scale on which the softmax and its sharpness beta do not matter.
+
+    Of rows that went through (3.5) the logarithm is taken, which gives back what went in, up to beta and a constant a
+    row. What a map has in common with all others (a dark image, a rich one) is no rhythm: the means of rows and columns
+    are taken off. The diagonal, of no interest, is zero, and the rest has variance 1, or is zero where all is alike.
+    """
+    values = np.array(matrix, dtype=np.float64)
+    if is_softmax(values):
+        values = np.log(np.maximum(values, np.finfo(np.float64).tiny))
+    off = ~np.eye(len(values), dtype=bool)
+    for _ in range(20):  # alternating means converge geometrically, for the diagonal is missing from them
+        for axis in (0, 1):
+            values -= np.mean(values, axis=axis, where=off, keepdims=True)
+    values[~off] = 0.0
+    deviation = float(np.std(values[off]))
+    scale = float(np.abs(matrix).max())
+    return values / deviation if deviation > 1e-9 * scale else np.zeros_like(values)
+
+
+def is_softmax(matrix: Matrix) -> bool:
+    """Whether the rows are probabilities, as (3.5) makes them."""
+    return bool((matrix >= 0.0).all() and np.allclose(matrix.sum(axis=1), 1.0, atol=1e-6))
+
+
+class Pairs:
+    """All pairs of n maps, as a series over the time between the two: ``(s_i - s_j, A_ij)`` for all i other than j."""
+
+    def __init__(self, hours: Array) -> None:
+        """``hours`` (n,) are the times at which the maps were recorded."""
+        self._off = ~np.eye(len(hours), dtype=bool)
+        self.lags = hours[:, None] - hours
+        lags = self.lags[self._off]
+        self._order = np.argsort(lags, kind="stable") if len(lags) <= _MOST else None
+        self._bins = bins_of(lags, _MOST)
+        self._count = np.bincount(self._bins, minlength=_MOST)
+        self._kept = self._count > 0
+        if self._order is None:
+            self._hours, self._weights = self._averaged(lags), self._count[self._kept].astype(np.float64)
+        else:
+            self._hours, self._weights = lags[self._order], np.ones(len(lags))
+
+    def series(self, matrix: Matrix) -> Series:
+        """The series of a matrix (n, n) of these maps; many pairs are averaged within bins of time."""
+        return Series(self._hours, self.values(matrix), self._weights, lags=True)
+
+    def values(self, matrix: Matrix) -> Array:
+        """(N,) the values alone."""
+        values: Array = matrix[self._off]
+        return self._averaged(values) if self._order is None else values[self._order]
+
+    def _averaged(self, values: Array) -> Array:
+        averaged: Array = np.bincount(self._bins, values, minlength=_MOST)[self._kept] / self._count[self._kept]
+        return averaged
