@@ -54,9 +54,7 @@ class Start:
 CASES = (
     (11, Start()),
     (11, Start(0.5, math.radians(5.0))),
-    (11, Start(-0.5, math.radians(-5.0))),
-    (11, Start(0.3, math.radians(5.0), 2.0)),
-    (11, Start(0.0, 0.0, -2.0)),
+    (11, Start(-0.5, math.radians(-5.0), 2.0)),
     (16, Start(0.5, math.radians(5.0))),
 )
 """Hour of the repeat, and where it starts."""
