@@ -133,7 +133,7 @@ def spectrum(
     if plot is not None:
         from cli.views.environment_plots import plot_spectrum
 
-        plot_spectrum(plot, f"rhythms in {(series or similarity or plot).name}", found, of_maps=similarity is not None)
+        plot_spectrum(plot, f"rhythms in {(series or similarity or plot).name}", found)
     emit(spectrum_figures(found), spectrum_text(found), as_json=as_json)
 
 
