@@ -11,7 +11,7 @@ from tests.common.registration.scenes import panorama, window
 
 
 def test_images_are_taken_evenly_with_both_ends():
-    assert even_shares(100) == [0, 25, 50, 74, 99]
+    assert even_shares(100) == [0, 33, 66, 99]
     assert even_shares(3) == [0, 1, 2]
     assert even_shares(1) == [0]
 
