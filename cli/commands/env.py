@@ -133,7 +133,7 @@ def spectrum(
     if plot is not None:
         from cli.views.environment_plots import plot_spectrum
 
-        plot_spectrum(plot, f"rhythms in {(series or similarity or plot).name}", found, of_maps=similarity is not None)
+        plot_spectrum(plot, f"rhythms in {(series or similarity or plot).name}", found)
     emit(spectrum_figures(found), spectrum_text(found), as_json=as_json)
 
 
@@ -148,7 +148,7 @@ def similarity(
         Path | None, typer.Option("--add-to", metavar="FILE.json", help="Compare only the maps that this lacks.")
     ] = None,
     every: Annotated[int, typer.Option(help="Take every n-th map.", min=1)] = 1,
-    along: Annotated[int, typer.Option(help="Images of a map that are compared.", min=1, max=1000)] = 5,
+    along: Annotated[int, typer.Option(help="Images of a map that are compared.", min=1, max=1000)] = 4,
     softmax: Annotated[
         float | None, typer.Option(metavar="BETA", help="Print rows as probabilities (3.5) of that sharpness.")
     ] = None,

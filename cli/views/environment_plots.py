@@ -86,7 +86,7 @@ def plot_plan(path: Path, title: str, maps: MapTable, plan: Plan) -> None:
     save(figure, path)
 
 
-def plot_spectrum(path: Path, title: str, spectrum: Spectrum, *, of_maps: bool) -> None:
+def plot_spectrum(path: Path, title: str, spectrum: Spectrum) -> None:
     """The power of each period, the levels that noise reaches by chance, and the periods that are claimed."""
     figure = _figure(title, (10, 5.2))
     axes = figure.add_subplot()
@@ -98,18 +98,11 @@ def plot_spectrum(path: Path, title: str, spectrum: Spectrum, *, of_maps: bool) 
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
         axes.minorticks_off()
         top = float(spectrum.power.max())
-        for chance, level in {} if of_maps else spectrum.levels.items():
-            if level < 1.3 * top:
-                axes.axhline(level, color=_LEVEL, linewidth=0.9, linestyle="--")
-                axes.annotate(
-                    f"{100 * chance:g} % by chance",
-                    (1.0, level),
-                    xycoords=("axes fraction", "data"),
-                    fontsize=9,
-                    ha="right",
-                    va="bottom",
-                    color=_LEVEL,
-                )
+        for (chance, level), style in zip(spectrum.levels.items(), ("-", "--", ":"), strict=False):
+            label = f"by chance with probability {100 * chance:g} %"
+            axes.axhline(level, color=_LEVEL, linewidth=1.0, linestyle=style, label=label)
+        axes.legend(loc="upper right", fontsize=9, frameon=False)
+        top = max(top, *spectrum.levels.values())
         for period in spectrum.periods_hours:
             height = float(np.interp(1.0 / period, spectrum.frequencies, spectrum.power))
             axes.plot(period, height, "v", color=_CHOSEN, markersize=9)

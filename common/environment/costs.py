@@ -110,7 +110,7 @@ def trend_cost(rate: float, lag: Array) -> Array:
     """(3.2): ``1 - exp(-a lag)``, 0 for maps of the future; ``rate`` is a, 1/hour."""
     if rate == 0.0:
         return np.zeros_like(lag)
-    cost: Array = -np.expm1(-rate * np.maximum(lag, 0.0))
+    cost: Array = 0.0 - np.expm1(-rate * np.maximum(lag, 0.0))
     return cost
 
 
@@ -133,7 +133,7 @@ def drift_cost(generation: NDArray[np.int64]) -> Array:
     A taught map has none; each recording from a recording adds an offset of its own, the first of them matter most,
     and the 50th map (the thesis's example) has lost nearly everything.
     """
-    drift: Array = -np.expm1(-generation / DRIFT_GENERATIONS)
+    drift: Array = 0.0 - np.expm1(-generation / DRIFT_GENERATIONS)
     return drift
 
 

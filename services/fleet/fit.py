@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ from services.fleet.series import Series
 Array = NDArray[np.float64]
 
 _STEPS = 25
+_DECAYS = 6.0
+"""How many times likeness falls to 1/e over the span, in the exponential under the rhythms of maps."""
 _CONVERGED = 1e-7
 """Step of a frequency, in its resolution, at which it no longer matters."""
 
@@ -34,14 +37,26 @@ class Fit:
     waves: Array
     residual: Array
 
+    def at(self, hours: Array, chosen: Sequence[int] | None = None) -> Array:
+        """The sum of the sinusoids, or of chosen ones, at other times, of any shape."""
+        total = np.zeros_like(hours)
+        for k in range(len(self.frequencies)) if chosen is None else chosen:
+            total += self.amplitudes[k] * np.cos(2.0 * np.pi * self.frequencies[k] * hours - self.phases[k])
+        return total
+
 
 def baseline(series: Series) -> Array:
-    """(2 + 2 Q, N) what may lie under a rhythm: a constant, a slope over time or the size of a lag, nuisance waves."""
+    """(B, N) what may lie under a rhythm: a constant, a slope over time or the size of a lag, nuisance waves.
+
+    Maps that lose likeness for good do so fast at first (3.2), so over lags an exponential is beside the slope.
+    """
     hours = np.abs(series.hours) if series.lags else series.hours
     slope = hours - hours @ series.shares
     size = float(np.sqrt(slope**2 @ series.shares))
     turns = 2.0 * np.pi * np.outer(series.nuisance, series.hours)
     waves = [*np.cos(turns), *np.sin(turns)]
+    if series.lags:
+        waves.append(np.exp(-_DECAYS * hours / series.span))
     return np.stack([np.ones(len(hours)), slope / size if size > 0.0 else slope, *waves])
 
 
@@ -89,7 +104,7 @@ def refined(series: Series, frequencies: Array) -> Array:
             step = 0.5 * step
         if np.abs(step).max() < _CONVERGED * resolution:
             break
-        candidate = np.asarray(np.maximum(result + step, 1e-3 * resolution), dtype=np.float64)
+        candidate = np.maximum(result + step, 1e-3 * resolution)
     return result
 
 

@@ -34,6 +34,7 @@ class Found:
     Attributes:
         frequencies: (K,) 1/hour.
         probabilities: (K,).
+        shuffled: the highest powers in the same maps in random orders, where maps were compared.
         by_harmonics: those frequencies that were found by their harmonics, not by a peak of their own.
         next_frequency, next_probability: the strongest peak that was not accepted.
     """
@@ -43,6 +44,7 @@ class Found:
     next_frequency: float
     next_probability: float
     by_harmonics: tuple[float, ...] = ()
+    shuffled: tuple[float, ...] = ()
 
 
 def find(series: Series, grid: Grid, wanted: float, random: np.random.Generator) -> Found:

@@ -13,21 +13,19 @@ from services.fleet import calendar
 from services.fleet.fit import Fit, joint, refined
 from services.fleet.many import LINE, MOST, Found
 from services.fleet.periodogram import Grid, Periodogram
-from services.fleet.series import Pairs, Series
+from services.fleet.series import Pairs, Series, evenly
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 _PERMUTATIONS = 199
-_TESTED = 300
-"""Most maps that are shuffled; of more, so many are taken evenly over time."""
 
 
 def find(
     series: Series, pairs: Pairs, hours: Array, alike: Matrix, grid: Grid, wanted: float, random: np.random.Generator
 ) -> Found:
     """Rhythms of maps recorded at ``hours`` (n,), ascending, with a likeness (n, n), and the series of their pairs."""
-    chosen = np.unique(np.linspace(0, len(hours) - 1, min(len(hours), _TESTED)).astype(np.int64))
+    chosen = evenly(len(hours))
     periodogram = Periodogram(series.hours, series.shares, grid)
     test = _Shuffles(hours[chosen], grid, random)
     frequencies, probabilities = np.empty(0), np.empty(0)
@@ -38,24 +36,27 @@ def find(
         peak = float(grid.frequencies[int(merit.argmax())])
         probability = test.probability(left[np.ix_(chosen, chosen)], series.span, frequencies)
         if probability > wanted or len(frequencies) == MOST:
-            return Found(frequencies, probabilities, peak, probability)
+            return Found(frequencies, probabilities, peak, probability, shuffled=test.powers)
         frequencies = refined(series, np.append(frequencies, peak))
         probabilities = np.append(probabilities, probability)
 
 
 class _Shuffles:
-    """How high the merits of shuffled maps go."""
+    """How high the merits of shuffled maps go; ``powers`` are the highest of each shuffle of the whole likeness."""
 
     def __init__(self, hours: Array, grid: Grid, random: np.random.Generator) -> None:
         self._pairs, self._grid, self._random, self._count = Pairs(hours), grid, random, len(hours)
         series = self._pairs.series(np.zeros((len(hours), len(hours))))
         self._periodogram = Periodogram(series.hours, series.shares, grid)
+        self.powers: tuple[float, ...] = ()
 
     def probability(self, left: Matrix, span: float, known: Array) -> float:
         """The rank of the highest merit of what is left to explain (n, n) among those of its shuffled copies."""
         orders = [np.arange(self._count), *(self._random.permutation(self._count) for _ in range(_PERMUTATIONS))]
         values = np.array([self._pairs.values(left[np.ix_(order, order)]) for order in orders])
-        highest = _merit(self._periodogram.powers(values), self._count, self._grid, span, known).max(axis=1)
+        powers = self._periodogram.powers(values)
+        self.powers = self.powers or tuple(powers[1:].max(axis=1).tolist())
+        highest = _merit(powers, self._count, self._grid, span, known).max(axis=1)
         return float((highest >= highest[0]).mean())
 
 
@@ -71,6 +72,4 @@ def _merit(power: Array, samples: int, grid: Grid, span: float, known: Array) ->
 def _at(fit: Fit, hours: Array, fitted: Array, lags: Matrix) -> Matrix:
     """(n, n) what a fit over a series says of each pair of maps: the waves exactly, the baseline by interpolation."""
     below: Matrix = np.interp(lags, hours, fitted - fit.waves.sum(axis=0))
-    for frequency, amplitude, phase in zip(fit.frequencies, fit.amplitudes, fit.phases, strict=True):
-        below = below + amplitude * np.cos(2.0 * np.pi * frequency * lags - phase)
-    return below
+    return below + fit.at(lags)

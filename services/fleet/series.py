@@ -14,6 +14,11 @@ Matrix = NDArray[np.float64]
 _MOST = 20_000
 """Most samples that an analysis works on; more are averaged within equal bins of time."""
 
+_CENTRINGS = 6
+"""Alternations of rows' and columns' means, each of which leaves a part of about 1 / n of the error."""
+_MAPS = 300
+"""Most maps whose pairs are worked on one by one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Series:
@@ -80,14 +85,25 @@ def likeness(matrix: Matrix) -> Matrix:
     values = np.array(matrix, dtype=np.float64)
     if is_softmax(values):
         values = np.log(np.maximum(values, np.finfo(np.float64).tiny))
-    off = ~np.eye(len(values), dtype=bool)
-    for _ in range(20):  # alternating means converge geometrically, for the diagonal is missing from them
+    values = centred(values)
+    deviation = float(np.std(values[~np.eye(len(values), dtype=bool)]))
+    scale = float(np.abs(matrix).max())
+    return values / deviation if deviation > 1e-9 * scale else np.zeros_like(values)
+
+
+def centred(matrix: Matrix) -> Matrix:
+    """A matrix (n, n) without the means of its rows and columns, the diagonal left out and zero."""
+    values, off = np.array(matrix), ~np.eye(len(matrix), dtype=bool)
+    for _ in range(_CENTRINGS):
         for axis in (0, 1):
             values -= np.mean(values, axis=axis, where=off, keepdims=True)
     values[~off] = 0.0
-    deviation = float(np.std(values[off]))
-    scale = float(np.abs(matrix).max())
-    return values / deviation if deviation > 1e-9 * scale else np.zeros_like(values)
+    return values
+
+
+def evenly(count: int) -> NDArray[np.int64]:
+    """The numbers of at most three hundred of ``count`` maps, evenly over their order."""
+    return np.unique(np.linspace(0, count - 1, min(count, _MAPS)).astype(np.int64))
 
 
 def is_softmax(matrix: Matrix) -> bool:

@@ -18,7 +18,7 @@ from common.registration.images import Image
 
 Array = NDArray[np.float64]
 
-ALONG = 5
+ALONG = 4
 """Images of a map that are compared."""
 
 

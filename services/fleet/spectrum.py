@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +83,7 @@ def of_series(hours: Array, values: Array, settings: Settings = Settings()) -> S
     random = np.random.default_rng(settings.seed)
     find = few.find if len(hours) <= _FEW else many.find
     found = find(series, grid, settings.level, random)
-    return _result(series, grid, found, len(hours), origin, what, settings)
+    return _result(series, grid, found, len(hours), origin, what, settings)[0]
 
 
 def of_maps(hours: Array, matrix: Matrix, settings: Settings = Settings()) -> Spectrum:
@@ -100,7 +102,8 @@ def of_maps(hours: Array, matrix: Matrix, settings: Settings = Settings()) -> Sp
     series = _with_nuisance(pairs.series(alike))
     grid = _grid(series, settings)
     found = maps.find(series, pairs, hours, alike, grid, settings.level, np.random.default_rng(settings.seed))
-    return _result(series, grid, found, len(hours), 0.0, what, settings)
+    result, waves, swing = _result(series, grid, found, len(hours), 0.0, what, settings)
+    return dataclasses.replace(result, trend_per_hour=trend.rate(hours, alike - waves(pairs.lags), swing))
 
 
 def _lack(hours: Array, values: Array, count: int, least: int, what: str, settings: Settings) -> str:
@@ -134,8 +137,11 @@ def _grid(series: Series, settings: Settings) -> Grid:
 
 def _result(
     series: Series, grid: Grid, found: Found, samples: int, origin: float, what: str, settings: Settings
-) -> Spectrum:
-    """The found rhythms fitted jointly, without those that another could stand for; strongest first."""
+) -> tuple[Spectrum, Callable[[Array], Array], float]:
+    """The found rhythms fitted jointly, without those that another could stand for, strongest first.
+
+    With it their sum at any times, and the difference of values that the cyclic cost calls 1.
+    """
     independent = min(samples, len(series.hours))
     fit = joint(series, _to_calendar(series, found.frequencies, independent))
     rivals = confusion.rivals(series, grid, fit, float(independent), found.by_harmonics)
@@ -143,22 +149,27 @@ def _result(
     periods = 1.0 / fit.frequencies[order]
     phases = fit.phases[order] + 2.0 * np.pi * fit.frequencies[order] * origin
     weights, swing = _weights(series, fit, order)
-    deviation = float(np.sqrt(series.hours**2 @ series.shares))
-    limits = {p: false_alarm.level(p, series.independent, deviation, float(grid.frequencies[-1])) for p in LEVELS}
-    rate = trend.rate(series, series.values - fit.waves.sum(axis=0), swing, samples) if series.lags else 0.0
-    return Spectrum(
+    spectrum = Spectrum(
         periods_hours=periods,
         weights=weights,
         phases=np.mod(phases + np.pi, 2.0 * np.pi) - np.pi,
         significance=found.probabilities[order],
-        trend_per_hour=rate,
         reason=wording.reason(
             what, series, periods, found, rivals, float(grid.frequencies[-1]), settings.shortest_hours
         ),
         frequencies=grid.frequencies,
         power=Periodogram(series.hours, series.shares, grid).power(detrended(series)),
-        levels=limits,
+        levels=_levels(series, grid, found),
     )
+    return spectrum, partial(fit.at, chosen=order), swing
+
+
+def _levels(series: Series, grid: Grid, found: Found) -> dict[float, float]:
+    """The powers that chance reaches with some probabilities: by shuffled maps, or by white noise."""
+    if found.shuffled:
+        return {p: float(np.quantile(found.shuffled, 1.0 - p)) for p in LEVELS if p * len(found.shuffled) >= 1.0}
+    deviation, highest = float(np.sqrt(series.hours**2 @ series.shares)), float(grid.frequencies[-1])
+    return {p: false_alarm.level(p, series.independent, deviation, highest) for p in LEVELS}
 
 
 def _to_calendar(series: Series, frequencies: Array, samples: int) -> Array:

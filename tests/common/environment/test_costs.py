@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.environment import MODES, Environment, MapTable, Model, Theta, map_costs
 from common.environment.costs import cyclic_cost, drift_cost, similarity_bounds, similarity_cost, trend_cost
@@ -51,12 +49,11 @@ def test_figure_3_4_a_week_ago_is_best_then_whole_days():
     assert days == pytest.approx([0.5 - 0.25 * (1 + np.cos(2 * np.pi * day / 7)) for day in range(1, 10)], abs=1e-3)
 
 
-@given(
-    st.lists(st.tuples(st.floats(0.5, 1e4), st.floats(-3, 3), st.floats(-10, 10)), max_size=5),
-    st.floats(0, 0.1),
-)
-def test_the_equations_are_those_of_the_thesis(components, rate):
-    periods, weights, phases = (list(part) for part in zip(*components, strict=True)) if components else ([], [], [])
+@pytest.mark.parametrize("count", range(6))
+def test_the_equations_are_those_of_the_thesis(count):
+    rng = np.random.default_rng(count)
+    periods, weights, phases = rng.uniform(0.5, 1e4, count), rng.uniform(-3, 3, count), rng.uniform(-10, 10, count)
+    components, rate = list(zip(periods, weights, phases, strict=True)), float(rng.uniform(0, 0.1))
     model = Model(periods_hours=periods, weights=weights, phases=phases, trend_per_hour=rate)
     lag = np.linspace(-1e3, 1e4, 501)
     waves = [w * np.cos(2 * np.pi * lag / T - phi) for T, w, phi in components]
@@ -85,15 +82,14 @@ def test_maps_without_length_and_environments_without_maps_cost_nothing_strange(
     assert len(costs([], "2023-05-07").cost) == 0
 
 
-@given(
-    st.tuples(*[st.floats(-2, 2)] * 3),
-    st.lists(st.tuples(st.floats(0, 500), st.integers(0, 9), st.integers(0, 400)), min_size=1, max_size=20),
-    st.booleans(),
-)
-def test_no_edge_is_negative_whatever_the_weights(theta, maps, per_metre):
+@pytest.mark.parametrize("per_metre", [False, True])
+def test_no_edge_is_negative_whatever_the_weights(per_metre):
+    rng = np.random.default_rng(0)
+    maps = zip(rng.uniform(0, 500, 20), rng.integers(0, 9, 20), rng.integers(0, 400, 20), strict=True)
     rows = [(str(k), "A", "B", f"2023-05-07T{h % 24:02d}:00", d, n) for k, (d, n, h) in enumerate(maps)]
     model = {"periods_hours": [24, 31], "weights": [3, -2], "phases": [1, 2], "trend_per_hour": 0.01}
-    assert (costs(rows, "2023-05-09", theta, model, per_metre=per_metre).edge >= 0.0).all()
+    for theta in rng.uniform(-2, 2, (50, 3)).tolist():
+        assert (costs(rows, "2023-05-09", theta, model, per_metre=per_metre).edge >= 0.0).all()
 
 
 def test_positive_weights_add_up_the_cost_and_a_negative_one_seeks_the_term():
