@@ -16,7 +16,7 @@ Ids = NDArray[np.int64]
 
 MAX_BLUR_PX = 2.0
 """Standard deviation of an edge's spread, pixels, above which an image counts as blurred; a sharp one has 0.5 to 1."""
-MIN_CORNERS = 8
+MIN_CORNERS = 6
 """Fewer corners say little of a pose that has six unknowns."""
 
 _LEVELS = (2.0, 98.0)

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Coefficients = Literal[5, 8]
 """Of the distortion: 5 serve up to some 90 degrees of view, 8 beyond."""
 
+_POLYNOMIAL = 5
 _PLAUSIBLE = (0.2, 20.0)
 """Focal length over the image's width: from 136 down to 3 degrees of view."""
 
@@ -40,21 +41,19 @@ def calibrate_camera(
     Raises:
         CalibrationError: the views do not determine a lens.
     """
-    flags = cv2.CALIB_RATIONAL_MODEL if coefficients == 8 else 0
     try:
         _, matrix, distortion, rotations, translations, _, _, errors = cv2.calibrateCameraExtended(
             [objects[d.ids].astype(np.float32) for d in detections],
             [d.points.astype(np.float32) for d in detections],
             size,
             np.eye(3),
-            np.zeros(coefficients),
-            flags=flags,
+            np.zeros(_POLYNOMIAL),
         )
     except cv2.error:
         raise CalibrationError(_undetermined(side)) from None
-    lens = Lens.of(
-        np.asarray(matrix, dtype=np.float64), np.asarray(distortion, dtype=np.float64).ravel()[:coefficients]
-    )
+    known = np.asarray(distortion, dtype=np.float64).ravel()[:_POLYNOMIAL]
+    # The rational model begins without its denominator, which the joint refinement adds.
+    lens = Lens.of(np.asarray(matrix, dtype=np.float64), np.pad(known, (0, coefficients - _POLYNOMIAL)))
     poses = np.concatenate([np.asarray(rotations).reshape(-1, 3), np.asarray(translations).reshape(-1, 3)], axis=1)
     ratio = np.array([lens.fx, lens.fy]) / size[0]
     if not (np.isfinite(poses).all() and (_PLAUSIBLE[0] < ratio).all() and (ratio < _PLAUSIBLE[1]).all()):

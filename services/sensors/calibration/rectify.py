@@ -18,7 +18,7 @@ Image = NDArray[np.uint8]
 
 _PLAUSIBLE = (0.25, 4.0)
 """Focal length after rectification over that before: outside of it, the images are cut to a corner or to nothing."""
-_NARROWER, _NARROWINGS = 1.002, 30
+_HALVINGS = 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,23 +46,15 @@ class Rectifier:
         """
         size = (rig.width, rig.height)
         lenses = (rig.left.matrix, rig.left.distortion, rig.right.matrix, rig.right.distortion)
-        R_left, R_right, P_left, P_right, *_ = cv2.stereoRectify(
-            *lenses, size, rig.R, rig.T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0.0
-        )
+        R_left, R_right, _, P_right, *_ = cv2.stereoRectify(*lenses, size, rig.R, rig.T.reshape(3, 1))
         baseline = -float(P_right[0, 3] / P_right[0, 0])
         sides = [(lens, np.asarray(R, dtype=np.float64)) for lens, R in ((rig.left, R_left), (rig.right, R_right))]
-        K = np.asarray(P_left, dtype=np.float64)[:, :3]
-        # OpenCV's cut is a fraction of a pixel too wide.
-        for _ in range(_NARROWINGS):
-            if all(_sees_all(lens, R, K, size) for lens, R in sides):
-                break
-            K = K * np.array([[_NARROWER, 1.0, 1.0], [1.0, _NARROWER, 1.0], [1.0, 1.0, 1.0]])
-        f = float(K[0, 0])
-        if not (_PLAUSIBLE[0] < f / rig.left.fx < _PLAUSIBLE[1] and baseline > 0.0):
+        K = _widest(sides, size)
+        if K is None or baseline <= 0.0:
             raise CalibrationError(
-                f"the pair cannot be rectified (focal length {f:.0f} pixels after {rig.left.fx:.0f}, baseline "
-                f"{baseline:.3f} m): calibrate it anew"
+                "the pair cannot be rectified: the two cameras hardly see anything together, or a lens is none"
             )
+        f = float(K[0, 0])
         camera = StereoCamera(*size, f, f, float(K[0, 2]), float(K[1, 2]), baseline, T_vehicle_camera)
         # Fixed-point maps: a 32nd of a pixel is finer than what an image tells, and half the work.
         maps = [
@@ -79,6 +71,31 @@ class Rectifier:
         return first, second
 
 
+def _widest(sides: list[tuple[Lens, Array]], size: tuple[int, int]) -> Array | None:
+    """The camera matrix (3, 3) with the shortest focal length at which both cameras see every rectified pixel.
+
+    OpenCV's own choice follows the distortion to the images' corners and beyond, where nothing was measured.
+    """
+    middle = np.array([[[(size[0] - 1) / 2.0, (size[1] - 1) / 2.0]]])
+    aims = [cv2.undistortPoints(middle, lens.matrix, lens.distortion, R=R).reshape(2) for lens, R in sides]
+    aim, f = np.mean(aims, axis=0), float(np.mean([lens.fx for lens, _ in sides]))
+
+    def matrix(scale: float) -> Array:
+        cx, cy = middle[0, 0] - scale * f * aim
+        return np.array([[scale * f, 0.0, cx], [0.0, scale * f, cy], [0.0, 0.0, 1.0]])
+
+    low, high = _PLAUSIBLE
+    if not all(_sees_all(lens, R, matrix(high), size) for lens, R in sides):
+        return None
+    for _ in range(_HALVINGS):
+        between = float(np.sqrt(low * high))
+        if all(_sees_all(lens, R, matrix(between), size) for lens, R in sides):
+            high = between
+        else:
+            low = between
+    return matrix(high)
+
+
 def _sees_all(lens: Lens, R: Array, K: Array, size: tuple[int, int]) -> bool:
     """Whether a camera sees every pixel of its rectified image: if it does along the border, it does inside."""
     width, height = size
@@ -88,8 +105,19 @@ def _sees_all(lens: Lens, R: Array, K: Array, size: tuple[int, int]) -> bool:
     rays = np.column_stack([u, v, np.ones_like(u)]) @ (R.T @ np.linalg.inv(K)).T
     if (rays[:, 2] <= 0.0).any():
         return False
-    points = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0].reshape(-1, 2)
-    return bool((points >= 0.0).all() and (points <= np.array([width, height]) - 1.0).all())
+    rays /= rays[:, 2:]
+    points, nearer = (_projected(lens, rays * [scale, scale, 1.0]) for scale in (1.0, 0.98))
+    # Far outside of what was measured, a distortion may fold the rays back into the image.
+    centre = np.array([lens.cx, lens.cy])
+    folded = np.linalg.norm(points - centre, axis=1) <= np.linalg.norm(nearer - centre, axis=1)
+    inside = (points >= 0.0).all() and (points <= np.array([width, height]) - 1.0).all()
+    return bool(inside and not folded.any())
+
+
+def _projected(lens: Lens, rays: Array) -> Array:
+    """Pixels (N, 2) of rays (N, 3) in the camera's own frame."""
+    points = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0]
+    return np.asarray(points, dtype=np.float64).reshape(-1, 2)
 
 
 def rectified_points(rig: StereoRig, rectifier: Rectifier, left: Array, right: Array) -> tuple[Array, Array]:

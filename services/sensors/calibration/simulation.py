@@ -82,7 +82,8 @@ class BoardRenderer:
         to_board = np.linalg.inv(np.stack([T[:3, 0], T[:3, 1], T[:3, 3]], axis=1))
         x, y, w = (rays @ to_board.T.astype(np.float32)).transpose(2, 0, 1)
         scale, margin = _TEXTURE / self.board.square, _TEXTURE / 2 - 0.5
-        u, v = (np.asarray(c / w * scale + margin, dtype=np.float32) for c in (x, y))
+        with np.errstate(divide="ignore"):
+            u, v = (np.asarray(c / w * scale + margin, dtype=np.float32) for c in (x, y))
         drawn = cv2.remap(self._texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)
         ink = np.asarray(drawn, dtype=np.float32)
         ground = cv2.resize(rng.uniform(50, 140, (9, 13)).astype(np.float32), (ink.shape[1], ink.shape[0]))

@@ -47,6 +47,13 @@ def test_what_is_uncertain_is_said_in_proportion(renderer, result):
     assert max(few.focal_sigma) > max(quality.focal_sigma)
 
 
+def test_a_lens_that_needs_no_rational_model_is_recovered_by_it(good_set):
+    found = calibrate(good_set, BOARD, coefficients=8).found.solution.rig
+    assert found.left.fx == pytest.approx(simulated_rig().left.fx, rel=2e-3)
+    assert found.baseline == pytest.approx(simulated_rig().baseline, rel=2e-3)
+    assert np.abs(found.left.distortion).max() < 2.0
+
+
 def test_corners_lie_on_one_row_after_rectification(result):
     vertical = vertical_errors(result.found, result.rectifier)
     assert len(vertical) > 100
