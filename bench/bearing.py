@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.table import show
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.errors import path_errors
 from common import geometry
