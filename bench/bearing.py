@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench import table
+from bench.table import show
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.errors import path_errors
 from common import geometry
@@ -256,13 +256,9 @@ def main() -> None:
             gap = float(np.linalg.norm(found.truth[-1][:2, 3] - taught.truth[-1][:2, 3]))
             along = float(np.sqrt(np.mean(found.distance_error**2)))
             rows.append((f"{hour}:00", place, name, 100 * error, 100 * largest, 100 * along, 100 * gap))
-    table.show(
+    show(
         f"Bearing-only repeat of a map of {len(taught.vertices)} images taught at 11:00",
         ("repeated", "put down", "driven by", "lateral RMS cm", "largest cm", "distance RMS cm", "end error cm"),
         rows,
         "errors of the truth, lateral ones from 5 m on; distance is the estimated one along the map",
     )
-
-
-if __name__ == "__main__":
-    main()
