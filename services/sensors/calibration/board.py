@@ -31,8 +31,8 @@ DICTIONARIES = (
 
 _PRINT_PIXELS_PER_METRE = 11811
 """300 dots an inch."""
-_CAPTION = 0.35
-"""Height of the line below a drawn board, squares."""
+_CAPTION = 0.14
+"""Height of the letters below a drawn board, squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def printable(board: Board) -> bytes:
     image = board.draw(pixels, pixels // 2)
     caption = f"{board.columns}x{board.rows} {board.dictionary}, square {1e3 * board.square:g} mm, marker "
     caption += f"{1e3 * board.marker:g} mm: measure the squares"
-    height = min(_CAPTION * pixels * 0.4, 0.9 * image.shape[1] / len(caption))
+    height = min(_CAPTION * pixels, 0.9 * image.shape[1] / len(caption))
     baseline = image.shape[0] - pixels // 8
     cv2.putText(image, caption, (pixels // 2, baseline), cv2.FONT_HERSHEY_SIMPLEX, height / 22.0, 0, 1 + pixels // 200)
     encoded = cv2.imencode(".png", image)[1].tobytes()

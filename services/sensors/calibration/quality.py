@@ -23,7 +23,7 @@ MAX_FOCAL_SIGMA = 0.003
 
 _GOOD_RMS_PX, _GOOD_SIGMA, _GOOD_COVERAGE, _GOOD_TILT = 0.5, 0.001, 0.6, np.radians(40.0)
 _GOOD_DEPTHS = 1.4
-_CONCENTRATED = 0.25
+_MANY_OUTLIERS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,22 +133,11 @@ def _warnings(
         out.append(f"the board was tilted by {np.degrees(tilt):.0f} degrees at most: tilt it more")
     if depths[1] < _GOOD_DEPTHS * depths[0]:
         out.append(f"the board was always {depths[0]:.2f} to {depths[1]:.2f} m away: show it near and far")
-    lost = int(Count(found).seen - found.problem.used.sum())
-    if lost > _CONCENTRATED * Count(found).seen:
+    seen = sum(len(view.left) + len(view.right) for view in found.problem.views)
+    lost = seen - int(found.problem.used.sum())
+    if lost > _MANY_OUTLIERS * seen:
         out.append(f"{lost} corners were left out as outliers: look for reflections on the board")
     return tuple(out)
-
-
-@dataclass(frozen=True, slots=True)
-class Count:
-    """Corners of the kept views."""
-
-    found: StereoSolution
-
-    @property
-    def seen(self) -> int:
-        """All of them, the outliers included."""
-        return sum(len(view.left) + len(view.right) for view in self.found.problem.views)
 
 
 def _emptiest(cells: NDArray[np.int64]) -> str:
