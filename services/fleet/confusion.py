@@ -17,6 +17,12 @@ Array = NDArray[np.float64]
 
 _ALIKE = 0.97
 """Part of one wave's variance, of the best phase, that another one explains when both are the same to the samples."""
+_HALF_DAY, _HALF_DAY_OF_LAGS = 0.93, 0.8
+"""The same for a day and half a day: times within 12 hours of the day, and maps recorded within 8.
+
+A daily rhythm is no pure cosine, and its harmonics then decide which of the two fits better. Of lags, which reach to
+either side, twice as much of the day is seen.
+"""
 _EVIDENCE = np.log(10.0)
 """Logarithm of the odds by which a period has to surpass every other one in its place."""
 _LINE = 1.5
@@ -50,7 +56,8 @@ def half_days(series: Series) -> bool:
     if series.span < 2.0 * calendar.DAY:
         return False
     half = Grid(2.0 / calendar.DAY, 1.0 / series.span, 1)
-    return float(alikeness(series, half, 1.0 / calendar.DAY)[0]) > _ALIKE
+    limit = _HALF_DAY_OF_LAGS if series.lags else _HALF_DAY
+    return float(alikeness(series, half, 1.0 / calendar.DAY)[0]) > limit
 
 
 def evidence_of(series: Series, frequencies: Array) -> float:

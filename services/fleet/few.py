@@ -33,6 +33,8 @@ _WORK, _FEWEST = 15_000, 24
 _CALIBRATION, _PERMUTATIONS = 40, 199
 _APART = 3
 """Steps of the grid by which two candidates differ at least."""
+_MOST_VALUES = 250_000
+"""Frequencies times samples that a search goes through in a moment."""
 _SINGULAR, _EXACT = 1e-3, 1e-9
 """Determinant below which two waves are one, and the part of the variance that counts as explained in full."""
 
@@ -82,7 +84,8 @@ def depth_for(samples: int) -> int:
 
 def find(series: Series, grid: Grid, wanted: float, random: np.random.Generator) -> Found:
     """As few rhythms as explain the values so well that more are as good in shuffled values, all sought together."""
-    atoms = Atoms.of(series, grid.frequencies, 1.0 / series.span)
+    candidates = _candidates(grid, len(series.hours), 1.0 / series.span)
+    atoms = Atoms.of(series, candidates, 1.0 / series.span)
     depth = depth_for(len(series.hours))
     values = detrended(series)
     _, combinations = atoms.search(values, depth)
@@ -92,10 +95,21 @@ def find(series: Series, grid: Grid, wanted: float, random: np.random.Generator)
         following = chance_of_more(atoms, values, left, count, depth, wanted, random) if count < depth else 1.0
         if following > wanted:
             best = int(atoms.search(left, 1)[1][0, 0, 0])
-            return Found(frequencies, np.full(count, chance), float(grid.frequencies[best]), following)
+            return Found(frequencies, np.full(count, chance), float(candidates[best]), following)
         chance = max(chance, following)
-        frequencies = _best(series, atoms, grid.frequencies, combinations[count, :, : count + 1])
+        frequencies = _best(series, atoms, candidates, combinations[count, :, : count + 1])
     raise AssertionError("the last count is always enough")
+
+
+def _candidates(grid: Grid, samples: int, resolution: float) -> Array:
+    """(M,) the grid's frequencies; of too many the lowest, and those about the calendar's.
+
+    A few samples over years cannot tell ten thousand short periods apart, but they can tell a day.
+    """
+    frequencies = grid.frequencies
+    near = np.abs(frequencies[:, None] - calendar.FREQUENCIES).min(axis=1) < resolution
+    kept: Array = frequencies[near | (np.arange(grid.count) < _MOST_VALUES // samples)]
+    return kept
 
 
 def _best(series: Series, atoms: Atoms, frequencies: Array, combinations: Ids) -> Array:

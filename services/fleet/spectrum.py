@@ -78,7 +78,7 @@ def of_series(hours: Array, values: Array, settings: Settings = Settings()) -> S
     if lack:
         return Spectrum(reason=lack)
     origin = float(hours.mean())
-    series = _with_nuisance(Series.of(hours - origin, values))
+    series = _with_nuisance(Series.of(hours - origin, values / np.abs(values).max()))
     grid = _grid(series, settings)
     random = np.random.default_rng(settings.seed)
     find = few.find if len(hours) <= _FEW else many.find

@@ -96,6 +96,25 @@ def test_office_hours_cannot_tell_a_day_from_half_a_day(periods):
     assert [round(T) for T in found.periods_hours] == [round(T) for T in periods if T > 48]
 
 
+def test_maps_of_the_same_hours_of_three_days_cannot_tell_either():
+    rng = np.random.default_rng(0)
+    hours = np.sort(np.concatenate([24 * day + rng.uniform(15.5, 23.5, 8) for day in range(3)]))
+    found = of_maps(hours, likeness_of(rng, hours, [24.0], 0.2))
+    assert len(found.periods_hours) == 0
+    assert "tell 24 h from 12 h" in found.reason
+
+
+def test_few_samples_over_years_show_a_day_and_a_year():
+    hours, values, _ = mixture(np.random.default_rng(0), 60, 3 * 365, [24.0, 8765.8], 0.2)
+    assert sorted(of_series(hours, values).periods_hours) == pytest.approx([24, 8765.8], rel=0.02)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_any_unit_will_do(scale):
+    hours, values, _ = mixture(np.random.default_rng(0), 200, 30, [24.0], 0.2)
+    assert of_series(hours, scale * values).periods_hours == pytest.approx([24], rel=0.02)
+
+
 def test_even_times_show_no_period_below_twice_their_step():
     hours = np.arange(0, 24 * 60, 24.0)
     found = of_series(hours, np.cos(2 * np.pi * hours / 168) + 0.1 * np.random.default_rng(0).normal(size=len(hours)))
