@@ -7,7 +7,8 @@ import importlib
 import pkgutil
 from pathlib import Path
 
-_NOT_A_BENCH = frozenset({"__main__", "recordings", "table"})
+_NOT_A_BENCH = frozenset({"__main__", "bad_network", "followers", "recordings", "table"})
+"""Helpers, and what needs root and ten minutes: ``python -m bench.bad_network``."""
 
 
 def names() -> list[str]:

@@ -20,9 +20,7 @@ from scipy import signal
 
 from bench.table import show
 from common.environment import MapTable, Model, Network, Theta, map_costs, plan
-from common.registration import Registrar
 from services.fleet.periodogram import Grid, Periodogram
-from services.fleet.similarity import ALONG
 from services.fleet.spectrum import of_series
 
 Array = NDArray[np.float64]
@@ -173,16 +171,6 @@ def periodograms() -> None:
     show("floating-mean periodogram, 2048 frequencies", ["samples", "ms", "scipy, ms", "ratio"], rows)
 
 
-def similarities() -> None:
-    """What a new map's row of similarities takes."""
-    random = np.random.default_rng(0)
-    registrar = Registrar()
-    one, other = (registrar.prepare(random.integers(0, 255, (400, 640), np.uint8)) for _ in range(2))
-    ms, _ = timed(lambda: registrar.register(one, other))
-    note = f"a map gives {ALONG} images; a row of 2,000 maps takes as many times 2,000 comparisons"
-    show("similarity", ["two images, ms", "a row of 2,000 maps, s"], [[ms, ms * 2 * ALONG]], note)
-
-
 def mixture(
     random: np.random.Generator, count: int, days: float, periods: Sequence[float], noise: float
 ) -> tuple[Array, Array, Array]:
@@ -234,7 +222,6 @@ def main() -> None:
     plans()
     costs()
     periodograms()
-    similarities()
     mixtures()
     noises()
 

@@ -18,30 +18,38 @@ from typing import Any
 
 import psutil
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from bench import table
 from cli import client, recorder, robot
+from cli.demo.configuration import write_config
 from cli.demo.driver import DriverSettings
-from cli.demo.story import Story, write_config
+from cli.demo.story import Story
 from services.sensors.recordings.mcap import open_mcap
 
 _ROOT = Path(__file__).resolve().parents[1]
 _METRES = 40.0
-_PEER = "receive"
+_PEERS = {"receive": "receive and drop", "plain": "payloads as they came, mcap's Writer"}
+"""Processes that are measured beside the recorder, by their argument: what receiving alone costs, and what a recorder
+costs that looks into no message, as rosbag2's: nothing decoded or checked, no views, and no file when it is killed."""
 
 
 def main() -> None:
-    """Prints one row for the recorder and one for a process that receives the same samples and drops them."""
+    """Prints one row for the recorder and one for each peer, all on the same samples at once."""
     with TemporaryDirectory() as place:
         folder = Path(place)
         write_config(folder / "robot.toml", folder / "data")
         with Story(folder / "robot.toml", lambda _text, _part: None) as story, contextlib.ExitStack() as stack:
             command = [sys.executable, "-m", "cli", "record", "-o", str(folder / "bag"), "--json"]
             recording = stack.enter_context(_running([*command, "--config", str(folder / "robot.toml")]))
-            peer = stack.enter_context(_running([sys.executable, "-m", "bench.recording", _PEER, str(folder)]))
+            peers = [
+                stack.enter_context(_running([sys.executable, "-m", "bench.recording", peer, str(folder)]))
+                for peer in _PEERS
+            ]
             time.sleep(4.0)
-            watched = {"vtr record": psutil.Process(recording.pid), "receive and drop": psutil.Process(peer.pid)}
+            watched = {"vtr record": psutil.Process(recording.pid)}
+            watched |= {name: psutil.Process(peer.pid) for name, peer in zip(_PEERS.values(), peers, strict=True)}
             before = {name: _cpu(process) for name, process in watched.items()}
             began = time.monotonic()
             route = story.route()
@@ -49,7 +57,8 @@ def main() -> None:
             seconds = time.monotonic() - began
             spent = {name: (_cpu(process) - before[name]) / seconds for name, process in watched.items()}
             memory = {name: process.memory_info().rss / 1e6 for name, process in watched.items()}
-            answer, dropped = json.loads(_end(recording)), json.loads(_end(peer))
+            answer = json.loads(_end(recording))
+            losses = [answer["lost"], *(json.loads(_end(peer)) for peer in peers)]
         decoded = _decoded(folder / "bag")
     total = sum(answer["messages"].values())
     rate = answer["bytes"] / answer["seconds"] / 1e6
@@ -58,9 +67,9 @@ def main() -> None:
         ["process", "CPU, cores", "memory, MB", "lost"],
         [
             [name, spent[name], memory[name], ", ".join(f"{key} {n}" for key, n in lost.items()) or "nothing"]
-            for name, lost in zip(watched, (answer["lost"], dropped), strict=True)
+            for name, lost in zip(watched, losses, strict=True)
         ],
-        f"{total} messages of ours, {rate:.1f} MB/s; {decoded} messages in the file decode by their schemas. What both "
+        f"{total} messages of ours, {rate:.1f} MB/s; {decoded} messages in the file decode by their schemas. What all "
         "lost never left its sender or the router.",
     )
 
@@ -106,20 +115,28 @@ def _end(process: subprocess.Popen[bytes]) -> str:
     return process.communicate(timeout=60)[0].decode()
 
 
-def _receive(folder: Path) -> None:
-    """Takes every sample and drops it until SIGINT, and says what was lost."""
+def _receive(folder: Path, *, plain: bool) -> None:
+    """Takes every sample until SIGINT, drops it or writes it as it came, and says what was lost."""
     stop = threading.Event()
     signal.signal(signal.SIGINT, lambda *_: stop.set())
-    with client.connect(robot.load(folder / "robot.toml"), "bench") as bus:
+    with client.connect(robot.load(folder / "robot.toml"), "bench") as bus, (folder / "plain.mcap").open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start()
+        channels: dict[str, int] = {}
         tap = bus.tap(recorder.choose([]))
         while not stop.wait(0.02):
-            while tap.take() is not None:
-                pass
+            while (sample := tap.take()) is not None:
+                if plain:
+                    if sample.key not in channels:
+                        channels[sample.key] = writer.register_channel(sample.key, "vtr", 0)
+                    at, number = sample.arrival_ns, sample.envelope.sequence
+                    writer.add_message(channels[sample.key], at, sample.payload, at, number & 0xFFFFFFFF)
+        writer.finish()
         sys.stdout.write(json.dumps(+tap.lost))
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == [_PEER]:
-        _receive(Path(sys.argv[2]))
+    if sys.argv[1:2] and sys.argv[1] in _PEERS:
+        _receive(Path(sys.argv[2]), plain=sys.argv[1] == "plain")
     else:
         main()

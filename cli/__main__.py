@@ -7,10 +7,12 @@ from pathlib import Path
 
 import typer
 
-from cli.app import app
+from cli.app import command_line
 from common.errors import RetraverseError
 
 FAILED, UNEXPECTED, INTERRUPTED = 1, 3, 130
+
+_LOG_BYTES = 1_000_000
 
 
 def main() -> None:
@@ -21,7 +23,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Runs a command; its exit code: 0, 1 not done, 2 no such command, 3 a defect, 130 interrupted."""
     try:
-        status = app(arguments, prog_name="vtr", standalone_mode=False)
+        status = command_line().main(arguments, prog_name="vtr", standalone_mode=False)
     except RetraverseError as error:
         return _fail(str(error), FAILED)
     except typer.TyperException as error:
@@ -58,6 +60,8 @@ def _log(trace: str) -> Path:
         path = folder / "vtr.log"
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            if path.exists() and path.stat().st_size > _LOG_BYTES:
+                path.replace(path.with_suffix(".log.1"))
             with path.open("a", encoding="utf-8") as log:
                 log.write(trace)
         except OSError:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
 
+from cli import robot
 from cli.errors import CommandError
 from cli.output import emit, progress
 from cli.views.offline import check_writable, write
@@ -19,10 +22,47 @@ from services.sensors.calibration.board import FAMILIES, Board, Image
 from services.sensors.calibration.calibrate import Calibration, calibrate
 from services.sensors.calibration.choosing import PoseChooser
 from services.sensors.calibration.detection import as_grey
+from services.sensors.calibration.file_edit import change
 from services.sensors.calibration.pairs import find_pairs
 from services.sensors.calibration.report import figures, write_report
 from services.sensors.calibration.views import MIN_VIEWS
 from services.sensors.capture import Format, StereoCapture
+
+
+@dataclass(frozen=True, slots=True)
+class UsedBy:
+    """The robot's TOML file that is to name the calibration, and the devices that its images came from, if any."""
+
+    config: Path
+    devices: tuple[str, ...]
+
+    def name(self, calibration: Path) -> None:
+        """Has the robot's driver of cameras use the calibration.
+
+        Raises:
+            ConfigurationError: the file would not be a right one, or cannot be written.
+        """
+        robot_folder = self.config.expanduser().resolve().parent
+        place = os.path.relpath(calibration.expanduser().resolve(), robot_folder)
+        values: dict[str, Any] = {"driver": "cameras", "calibration": place}
+        change(self.config.expanduser(), ("sensors",), values, _check)
+        if self.devices:
+            devices = [int(device) if device.isdecimal() else device for device in self.devices]
+            change(self.config.expanduser(), ("sensors", "cameras"), {"devices": devices}, _check)
+
+
+def find_robot(path: Path, devices: Sequence[str]) -> UsedBy:
+    """The robot that is to use a calibration made from devices, or from a folder.
+
+    Raises:
+        ConfigurationError: its file cannot be read or used.
+    """
+    _check(path.expanduser())
+    return UsedBy(path, tuple(devices))
+
+
+def _check(path: Path) -> None:
+    robot.check(robot.load(path))
 
 
 def make_board(squares: tuple[int, int], square: float, marker: float, dictionary: str | None) -> Board:
@@ -43,6 +83,7 @@ def run(
     any_dictionary: bool,
     coefficients: Literal[5, 8],
     side_by_side: bool,
+    used_by: UsedBy | None,
     as_json: bool,
 ) -> None:
     """Calibrates from a folder, writes the file and the report, and prints the figures."""
@@ -67,8 +108,11 @@ def run(
         write_report(report, result, next(pair for pair in pairs if pair[0] == first))
     data = figures(result)
     write(output, file.text(result.found.solution.rig, mounting, _remarks(data)))
+    if used_by is not None:
+        used_by.name(output)
     lonely = list(found.lonely)
     data |= {"unpaired": lonely, "output": str(output), "report": None if report is None else str(report)}
+    data["robot"] = None if used_by is None else str(used_by.config)
     emit(data, _text(data, result, measured=mounting != file.MountingTable()), as_json=as_json)
 
 
@@ -112,8 +156,10 @@ def _text(data: dict[str, Any], result: Calibration, *, measured: bool) -> str:
     lines += [f"no partner: {name}" for name in data["unpaired"]]
     lines += [f"could be better: {warning}" for warning in data["warnings"]]
     lines.append(f"written: {data['output']}" + ("" if data["report"] is None else f", report in {data['report']}"))
+    if data["robot"] is not None:
+        lines.append(f"{data['robot']} names it: the robot uses it from its next start on")
     if not measured:
-        lines.append(f"now measure where the left camera is on the vehicle, and write it into {data['output']}")
+        lines.append("next: where is the camera on the vehicle? vtr calibrate mounting, or a tape measure")
     return "\n".join(lines)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from cli.supervision import endpoints
 from common import logs
+from common.access.link import client_settings
 from common.bus import Bus
 from common.config import RobotConfig
 from common.errors import NoRouter
@@ -31,11 +32,24 @@ def connect(
 
 def _open(configuration: RobotConfig, process: str, timeout: float) -> Bus:
     name, table = configuration.robot.name, configuration.bus
-    missing = NoRouter(f"no router answers at {table.endpoint}: is the robot up? vtr up {configuration.path}")
-    # Where nobody listens at all there is nothing to wait for.
-    if not endpoints.parse(table.endpoint).answers(timeout / 4):
+    who, command = ("fleet's server", "vtr fleet up") if configuration.of_fleet else ("robot", "vtr up")
+    missing = NoRouter(f"no router answers at {table.endpoint}: is the {who} up? {command} {configuration.path}")
+    access = client_settings(configuration, process)
+    encrypted = "transport/link/tls" in access
+    # Where nobody listens at all there is nothing to wait for; a router logs who knocks and has no certificate.
+    if not encrypted and not endpoints.parse(table.endpoint).answers(timeout / 4):
         raise missing
     try:
-        return Bus(name, process, table.endpoint, shared_memory=table.shared_memory, timeout=0.75 * timeout)
+        return Bus(
+            name,
+            process,
+            table.endpoint,
+            shared_memory=table.shared_memory,
+            timeout=0.75 * timeout,
+            access=access,
+        )
     except NoRouter:
-        raise missing from None
+        if not access or (encrypted and not endpoints.parse(table.endpoint).answers(timeout / 4)):
+            raise missing from None
+        shown = "certificate" if encrypted else "password"
+        raise NoRouter(f"the router at {table.endpoint} does not take this {shown}: its log says why") from None

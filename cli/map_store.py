@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from typing import Any
 
 from cli.errors import CommandError
 from common import topics
 from common.bus import Bus
-from common.messages import Done, GraphQuery, MapSummary, Topology
+from common.messages import Done, GraphQuery, MapSummary, Restriction, Topology
 
 _DEADLINE_S = 10.0
 
@@ -33,6 +34,28 @@ def find(bus: Bus, text: str) -> MapSummary:
     return (exact or fitting)[0]
 
 
+def stretch(bus: Bus, text: str) -> Restriction:
+    """The vertices that ``MAP``, ``MAP:INDEX`` or ``MAP:FIRST-LAST`` mean.
+
+    Raises:
+        CommandError: it is no such text, or no map or vertex is meant by it.
+    """
+    map_text, colon, indices = text.partition(":")
+    summary = find(bus, map_text)
+    first, last = 0, summary.vertices - 1
+    if colon:
+        match = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", indices)
+        if match is None:
+            raise CommandError(f"'{text}' is no stretch of a map: write MAP, MAP:INDEX or MAP:FIRST-LAST")
+        first = int(match[1])
+        last = int(match[2] or first)
+    if not first <= last < summary.vertices:
+        raise CommandError(
+            f"map {summary.record.id} has vertices 0 to {summary.vertices - 1}, and no stretch '{indices}'"
+        )
+    return Restriction(map=summary.record.id, first=first, last=last)
+
+
 def topology(bus: Bus, environment: str) -> Topology:
     """The graph of an environment."""
     answer: Topology = bus.ask(topics.TOPOLOGY, GraphQuery(environment=environment), timeout=_DEADLINE_S)
@@ -55,13 +78,26 @@ def summary_json(summary: MapSummary) -> dict[str, Any]:
         "length_m": round(summary.length, 3),
         "bytes": summary.bytes,
         "finished": summary.finished,
+        "start_place": summary.start_place or "",
+        "end_place": summary.end_place or "",
+        "sync": summary.sync.value,
     }
 
 
 def details_json(summary: MapSummary, graph: Topology) -> dict[str, Any]:
-    """A map's figures with its named places and the maps that spatial edges join it to."""
+    """A map's figures with its named places, the maps that spatial edges join it to, and what is restricted."""
     places = {name: str(vertex) for name, vertex in graph.places.items() if vertex.map_id == summary.record.id}
-    return {**summary_json(summary), "places": places, "joined_to": _joined(summary.record.id, graph)}
+    return {
+        **summary_json(summary),
+        "places": places,
+        "joined_to": _joined(summary.record.id, graph),
+        "restricted": {
+            f"{r.first}-{r.last}": (f"{r.speed:g} m/s" if r.speed else "blocked")
+            + (f": {r.reason}" if r.reason else "")
+            for r in graph.restrictions
+            if r.map == summary.record.id
+        },
+    }
 
 
 def time_of(summary: MapSummary) -> str:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 from cli import client, robot
+from cli.errors import CommandError
 from cli.output import emit
 from common import topics
 from common.bus import Bus
+from common.errors import RetraverseError
 from common.messages import Command, Done
 
 DEADLINE_S = 5.0
 LONG_DEADLINE_S = 20.0
 """For orders that the navigator answers only when something is stored, planned, or found."""
+_AGAIN_S = 0.1
 
 
 def order(bus: Bus, command: Command, deadline: float = DEADLINE_S) -> Done:
@@ -24,6 +28,24 @@ def order(bus: Bus, command: Command, deadline: float = DEADLINE_S) -> Done:
     """
     answer: Done = bus.ask(topics.MISSION, command, timeout=deadline)
     return answer
+
+
+def insist(bus: Bus, command: Command, patience: float, final: str = "") -> None:
+    """Gives an order until it is taken: a process that is coming back may refuse it or not answer yet.
+
+    Raises:
+        CommandError: it is not taken within ``patience`` seconds, or a refusal's sentence holds ``final``.
+    """
+    end = time.monotonic() + patience
+    while True:
+        try:
+            order(bus, command, LONG_DEADLINE_S)
+        except RetraverseError as error:
+            if time.monotonic() > end or (final and final in str(error)):
+                raise CommandError(f"the command to {command.action} is not taken: {error}") from None
+            time.sleep(_AGAIN_S)
+        else:
+            return
 
 
 def carry_out(config: Path | None, command: Command, *, as_json: bool, deadline: float = DEADLINE_S) -> None:

@@ -23,8 +23,13 @@ def emit(data: Any, text: RenderableType, *, as_json: bool) -> None:  # noqa: AN
         console().print(text)
 
 
+def on_terminal() -> bool:
+    """Whether standard output is a terminal that can be drawn on again and again."""
+    return console().is_terminal and not console().is_dumb_terminal
+
+
 def console() -> Console:
-    """Standard output for a reader: colours on terminals alone, and wide lines where there is none."""
+    """Standard output for a reader: colours on terminals alone and without NO_COLOR, wide lines where there is none."""
     from rich.console import Console
 
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from common.config import RobotConfig
 from common.messages import StateName
 
 
@@ -19,6 +20,8 @@ class Process:
         start_deadline_s: it is present on the bus this long after its start, or the start has failed.
         cpu: budget as a fraction of one core, averaged over a minute of driving.
         memory_mb: budget of its resident memory, 10^6 bytes.
+        watchdog_s: without a sign of life for so long it hangs: its work holds still, or cannot even be looked at.
+        under: a module that runs ``module`` in its place, as the fault tests need it.
     """
 
     name: str
@@ -28,13 +31,20 @@ class Process:
     start_deadline_s: float
     cpu: float
     memory_mb: float
+    watchdog_s: float = 30.0
+    under: str = ""
+
+    @property
+    def run(self) -> str:
+        """What follows ``python -m``."""
+        return f"{self.under} {self.module}".lstrip()
 
 
 NEVER: frozenset[StateName] = frozenset()
 FOLLOWING = frozenset({StateName.REPEAT_FOLLOW})
 PLANNING = frozenset({StateName.REPEAT_PLAN})
 LOCALIZING = frozenset({StateName.TEACH_METRIC_LOCALIZE, StateName.REPEAT_METRIC_LOCALIZE})
-TEACHING = frozenset({StateName.TEACH_BRANCH})
+TEACHING = frozenset({StateName.TEACH_BRANCH, StateName.TEACH_MERGE})
 SEEING = TEACHING | LOCALIZING | FOLLOWING
 BUSY = SEEING | PLANNING
 
@@ -45,10 +55,33 @@ ROBOT: tuple[Process, ...] = (
     Process("estimator", "services.estimator", "always", SEEING, 120, 0.80, 900),
     Process("planner", "services.planner", "always", PLANNING, 120, 0.05, 400),
     Process("tracker", "services.tracker", "always", FOLLOWING, 120, 0.15, 400),
-    Process("safety", "services.safety", "always", BUSY, 60, 0.10, 250),
+    Process("safety", "services.safety", "always", BUSY, 60, 0.10, 250, watchdog_s=5),
     Process("navigator", "services.navigator", "always", BUSY, 60, 0.05, 250),
+    Process("console", "services.console", "always", NEVER, 60, 0.05, 300),
 )
 """What runs on a robot; the order is that of the display, for any process may start before any other."""
+
+
+OPTIONAL: tuple[Process, ...] = (
+    Process("obstacles", "services.obstacles", "where the file has a table [obstacles]", FOLLOWING, 60, 0.25, 300),
+)
+"""What runs on a robot whose file asks for it."""
+
+FLEET: tuple[Process, ...] = (
+    Process("router", "services.router", "always", NEVER, 60, 0.10, 300),
+    Process("storage", "services.storage", "where no other storage is configured", NEVER, 60, 0.20, 600),
+    Process("fleet", "services.fleet", "always", NEVER, 120, 1.00, 2000),
+    Process("console", "services.console", "always", NEVER, 60, 0.10, 300),
+)
+"""What runs on the fleet's server."""
+
+
+def table_of(configuration: RobotConfig) -> tuple[Process, ...]:
+    """The processes that a configuration is of; the storage is none of them where another one is named."""
+    if not configuration.of_fleet:
+        return (*ROBOT, *(process for process in OPTIONAL if process.name in configuration.tables))
+    elsewhere = bool(configuration.tables.get("fleet", {}).get("endpoint"))
+    return tuple(process for process in FLEET if not (elsewhere and process.name == "storage"))
 
 
 def named(name: str) -> Process:
@@ -57,4 +90,4 @@ def named(name: str) -> Process:
     Raises:
         KeyError: there is no such process.
     """
-    return {process.name: process for process in ROBOT}[name]
+    return {process.name: process for process in (*ROBOT, *OPTIONAL)}[name]

@@ -90,6 +90,7 @@ Twist = Annotated[NDArray[np.float64], ArraySpec("<f8", (6,))]
 Vector = Annotated[NDArray[np.float64], ArraySpec("<f8", (None,))]
 Actions = Annotated[NDArray[np.float64], ArraySpec("<f8", (None, 3))]
 Ranges = Annotated[NDArray[np.float32], ArraySpec("<f4", (None, None))]
+Pixels = Annotated[NDArray[np.float32], ArraySpec("<f4", (None, 2))]
 Image = Annotated[NDArray[np.uint8], ArraySpec("|u1")]
 Descriptors = Annotated[NDArray[np.uint8], ArraySpec("|u1", (None, 32))]
 """Binary descriptors of 256 bits."""

@@ -14,6 +14,9 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,62}$"
 
 MAP_ID_PATTERN = r"^\d{8}T\d{12}-[a-z0-9][a-z0-9_-]{0,62}-[0-9a-f]{6}$"
 
+PLACE_PATTERN = rf"^(?:{NAME_PATTERN[1:-1]}|{MAP_ID_PATTERN[1:-1]}:\d{{1,9}})$"
+"""A place: a name, or the vertex (``map:index``) of an end that nobody has named."""
+
 _VERTEX = re.compile(r"(?P<map>[^:]+):(?P<index>[0-9]{1,9})")
 
 
@@ -24,6 +27,11 @@ def new_map_id(robot: str, stamp_ns: int) -> str:
     """
     time = datetime.fromtimestamp(stamp_ns // 1000 / 1e6, tz=UTC)
     return f"{time:%Y%m%dT%H%M%S%f}-{robot}-{secrets.token_hex(3)}"
+
+
+def is_name(text: str) -> bool:
+    """Whether a text is a name, as against a vertex that stands for a place without one."""
+    return re.fullmatch(NAME_PATTERN, text) is not None
 
 
 class VertexId(NamedTuple):

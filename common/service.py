@@ -27,9 +27,11 @@ import psutil
 import structlog
 
 from common import config, logs, topics
+from common.access.link import client_settings, router_settings
 from common.bus import Bus
 from common.errors import RetraverseError
 from common.messages import Health, Percentiles, now_ns
+from common.service_manager import ServiceManager
 
 _HEALTH_PERIOD_S = 1.0
 _JOIN_DEADLINE_S = 0.5
@@ -57,20 +59,29 @@ class Service:
         self._counts: dict[str, int] = defaultdict(int)
         self._process = psutil.Process()
         self._started = now_ns()
+        self._manager = ServiceManager()
+        self._working: dict[object, float] = {}
 
     def ready(self) -> None:
         """Shows this process to all others: from now on its queries are served and its inputs are taken."""
         self.bus.present()
+        self._manager.ready()
         log.info("ready")
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Times a stage of the work for the health report."""
-        start = time.perf_counter()
+        """Times a stage of the work for the health report; a stage without an end shows that this process hangs."""
+        token, start = object(), time.perf_counter()
+        self._working[token] = time.monotonic()
         try:
             yield
         finally:
+            del self._working[token]
             self.record(name, time.perf_counter() - start)
+
+    def hangs(self, limit_s: float) -> bool:
+        """Whether a stage of the work has been going on for longer than ``limit_s`` seconds."""
+        return time.monotonic() - min(list(self._working.values()), default=float("inf")) > limit_s
 
     def record(self, name: str, seconds: float) -> None:
         """Adds a duration to a stage of the health report."""
@@ -98,23 +109,34 @@ class Service:
         thread.start()
         return thread
 
-    def join_threads(self) -> None:
-        """Waits for this service's threads to return, but never long."""
+    def end(self) -> None:
+        """Ends this service's threads, and waits for them to return, but never long."""
+        self.stop.set()
+        self._manager.stopping()
         deadline = time.monotonic() + _JOIN_DEADLINE_S
         for thread in self._threads:
             thread.join(max(0.0, deadline - time.monotonic()))
 
     def report_health(self) -> None:
-        """Publishes the health of this process once a second until it stops; a jump of the clock is logged here."""
+        """Publishes the health of this process once a second until it stops, and gives systemd's watchdog its due.
+
+        A jump of the clock is logged here.
+        """
         publisher = self.bus.publisher(topics.HEALTH, self.name)
         self._process.cpu_percent()
         offset = time.time() - time.monotonic()
         while not self.stop.wait(_HEALTH_PERIOD_S):
             publisher.put(self._health())
+            self._show_life()
             jumped = time.time() - time.monotonic() - offset
             if abs(jumped) > _CLOCK_JUMP_S:
                 log.warning("the clock jumped; no decision depends on it", seconds=round(jumped, 3))
                 offset += jumped
+
+    def _show_life(self) -> None:
+        limit = self._manager.watchdog_s
+        if limit is not None and not self.hangs(limit):
+            self._manager.alive()
 
     def _health(self) -> Health:
         rates, dropped = self.bus.statistics.collect()
@@ -143,6 +165,7 @@ def run(name: str, main: Callable[[Service], None], mode: Literal["client", "rou
     if path is None:
         parser.error("name the robot's configuration with --config, or in VTR_CONFIG")
     _die_with_parent()
+    faulthandler.enable()  # a watchdog's SIGABRT leaves the traces of a process that hangs
     try:
         configuration = config.load(Path(path))
         logs.configure(configuration.robot.name, name, configuration.robot.log_level, json=configuration.robot.log_json)
@@ -159,7 +182,11 @@ def _live(
     name: str, configuration: config.RobotConfig, main: Callable[[Service], None], mode: Literal["client", "router"]
 ) -> int:
     robot, table = configuration.robot.name, configuration.bus
-    with Bus(robot, name, table.endpoint, shared_memory=table.shared_memory, mode=mode) as bus:
+    uplink = table.fleet if mode == "router" else None
+    access = router_settings(configuration) if mode == "router" else client_settings(configuration, name)
+    with Bus(
+        robot, name, table.endpoint, shared_memory=table.shared_memory, mode=mode, uplink=uplink, access=access
+    ) as bus:
         service = Service(name, configuration, bus)
         _stop_on_signals(service)
         service.thread(service.report_health, "health")
@@ -172,8 +199,7 @@ def _live(
         except Exception:
             log.exception("failed")
             service.failed = True
-        service.stop.set()
-        service.join_threads()
+        service.end()
         log.info("ended")
     return 1 if service.failed else 0
 

@@ -6,6 +6,14 @@ import os
 from pathlib import Path
 
 import pytest
+import structlog
+
+
+@pytest.fixture(autouse=True)
+def _logs_as_they_come():
+    """A command that ran within this process has set its own level; the next test hears everything again."""
+    yield
+    structlog.reset_defaults()
 
 
 @pytest.fixture(scope="session")

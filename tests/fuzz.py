@@ -43,6 +43,8 @@ def valid_examples() -> dict[Topic, m.Message]:
         topics.STEREO: m.StereoFrame(stamp=STAMP, camera=_camera(), left=_image(), right=_image()),
         topics.CAMERA: m.CameraFrame(stamp=STAMP, image=_image()),
         topics.LIDAR: _scan(),
+        topics.LOOP_CLOSURE: m.LoopClosure(stamp=STAMP, edge=edge, inliers=40),
+        topics.OBSTACLES: m.Obstacles(stamp=STAMP, ahead=m.Zone.SLOW, behind=m.Zone.CLEAR, nearest=2.0),
         topics.WHEEL_ODOMETRY: m.WheelOdometry(stamp=STAMP, v=1.0, w=0.1),
         topics.JOYSTICK: m.Joystick(stamp=STAMP, axes=[0.0, -1.0], held=True),
         topics.ODOMETRY: m.Odometry(
@@ -54,14 +56,23 @@ def valid_examples() -> dict[Topic, m.Message]:
             success=True, stream="plain", inliers=80, metres_since_success=0.0, seconds_since_success=0.0,
             actions=np.array([[0.0, 0.5, -0.1]]),
         ),
+        topics.MATCHES: m.Matches(stamp=STAMP, stream="plain", success=True, pixels=np.ones((4, 2), np.float32)),
         topics.COMMIT: m.Commit(map=_map(), vertex=_vertex(vertex), edges=[edge], finished=MAP_ID),
         topics.MAPS: part, topics.TOPOLOGY: part, topics.SUBMAP: part, topics.REMOVE: part,
         topics.APPEARANCE: m.AppearanceQuery(environment="park", known={MAP_ID: 2}),
         topics.RELOCALIZE: m.Relocalize(environment="park"),
         topics.NAME_PLACE: m.NamePlace(environment="park", place="gate", vertex=vertex),
         topics.PLAN: m.PlanRequest(environment="park", start=vertex, goal="gate"),
+        topics.RESTRICT: m.Restriction(map=MAP_ID, first=1, last=3),
+        topics.ENDS: m.MapEnds(map=MAP_ID, start_place="gate"),
+        topics.FETCH: m.FetchRequest(environment="park", maps=[MAP_ID]),
+        topics.PUSH: m.PushRequest(maps=[MAP_ID]),
+        topics.REPORT: m.RepeatReport(
+            id="r", robot="r1", environment="park", stamp=STAMP, maps=[m.MapReport(map=MAP_ID, metres=9.0, lost=1.0)]
+        ),
+        topics.SYNC_STATUS: m.SyncStatus(stamp=STAMP, online=False, reason="no storage is configured"),
         topics.ROUTE: _route(vertex),
-        topics.MISSION: m.Command(action="repeat", environment="park", goal="gate", vertex=vertex),
+        topics.MISSION: m.Command(action="repeat", environment="park", goal=m.Goal(to="gate"), vertex=vertex),
         topics.STATE: m.State(
             stamp=STAMP, name=m.StateName.REPEAT_FOLLOW, environment="park", since=STAMP, reason="a route",
             map=_map(), route="r", target=vertex, position=vertex, goal="gate",

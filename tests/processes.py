@@ -51,11 +51,15 @@ def eventually(value: Callable[[], T | None], what: str, deadline: float = DEADL
 class Robot:
     """A robot whose processes are started one by one; all of them are killed at the end of the block."""
 
-    def __init__(self, folder: Path, tables: str = "", name: str = "r1") -> None:
-        """Writes the configuration into ``folder``; ``tables`` is TOML for the services."""
+    def __init__(self, folder: Path, tables: str = "", name: str = "r1", beside: Robot | None = None) -> None:
+        """Writes the configuration into ``folder``; ``tables`` is TOML for the services.
+
+        The robot has a router of its own, or shares that of the one that it stands ``beside``.
+        """
         self.name = name
         self.folder = folder
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._has_router = beside is None
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}" if beside is None else beside.endpoint
         self.config = folder / "robot.toml"
         self.config.write_text(
             f'[robot]\nname = "{name}"\ndirectory = "{folder}"\n'
@@ -67,9 +71,11 @@ class Robot:
         self._presence: Presence | None = None
 
     def __enter__(self) -> Self:
-        self._launch("router", [sys.executable, "-m", "services.router", "--config", str(self.config)])
+        if self._has_router:
+            self.start_router()
         self._presence = self.bus("observer").presence()
-        self._wait_for("router")
+        if self._has_router:
+            self._wait_for("router")
         return self
 
     def __exit__(
@@ -79,6 +85,10 @@ class Robot:
         for process in self._processes.values():
             process.kill()
             process.wait()
+
+    def start_router(self) -> None:
+        """Starts the robot's own router, at first or anew."""
+        self._launch("router", [sys.executable, "-m", "services.router", "--config", str(self.config)])
 
     def start(self, service: str) -> subprocess.Popen[bytes]:
         """Starts a service as its own process and waits until it is present."""

@@ -1,19 +1,32 @@
-"""``vtr calibrate``."""
+"""``vtr calibrate``: a stereo pair, and where it sits on its vehicle."""
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
-from cli.arguments import JsonOption
+from cli.arguments import ConfigOption, JsonOption
 from cli.errors import CommandError
+from cli.groups import DefaultGroup
 
 if TYPE_CHECKING:
     from services.sensors.calibration.board import Board
 
 
-def calibrate(
+class _Calibrate(DefaultGroup):
+    default: ClassVar[str] = "stereo"
+
+
+app = typer.Typer(
+    cls=_Calibrate,
+    help="Calibrate a stereo pair with a printed board (stereo, which need not be named), or find out where it sits on "
+    "the vehicle (mounting).",
+)
+
+
+@app.command()
+def stereo(
     folder: Annotated[
         Path | None,
         typer.Argument(metavar="FOLDER", help="Pairs of images: left/ and right/, or left_01.png and right_01.png."),
@@ -48,15 +61,20 @@ def calibrate(
     print_board: Annotated[
         Path | None, typer.Option(metavar="board.png", help="Only draw the board, to be printed at 100 %.")
     ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", "-c", metavar="ROBOT.toml", help="Have this robot use the calibration."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate a stereo pair from images of a ChArUco board, and write it for the driver of the cameras."""
-    from cli.calibration import capture_into, make_board, run
+    from cli.calibration import capture_into, find_robot, make_board, run
 
     named = make_board(_squares(board), square, marker, dictionary)
     if print_board is not None:
         _print(named, print_board, as_json=as_json)
         return
+    used_by = None if config is None else find_robot(config, device or [])
     if folder is None:
         raise CommandError("give the folder with the pairs of images, or --print-board to draw the board")
     if device:
@@ -70,8 +88,52 @@ def calibrate(
         any_dictionary=dictionary is None,
         coefficients=lens_model,
         side_by_side=side_by_side and not device,
+        used_by=used_by,
         as_json=as_json,
     )
+
+
+@app.command()
+def mounting(
+    data: Annotated[
+        Path | None,
+        typer.Argument(metavar="[DATA]", help="A recorded drive, as vtr play takes it; by default the live robot's."),
+    ] = None,
+    *,
+    height: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", min=0.01, max=10.0, help="Of the left camera above the ground, measured."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE.toml", help="The calibration that gets it; by default the robot's."
+        ),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="DIR", help="Figures, and a picture of the drive.")] = None,
+    mapping: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="TOPIC=KEY", help="A bag's topic as one of ours, as in vtr play."),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The camera in sensor/stereo/NAME; by default the estimator's.")
+    ] = None,
+    start: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="Where in the recording it begins.")] = 0.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", min=1.0, help="How much of it, or how long a live drive may take."),
+    ] = None,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find out where the camera sits on the vehicle from a short figure of eight: two laps, driven by hand, slowly."""
+    from cli import arguments
+    from cli.mounting.run import Source, find_height, find_output, find_robot, run
+
+    configuration = find_robot(config, needed=data is None)
+    out = find_output(output, configuration)
+    source = Source(data, mapping or [], arguments.name(name, "--name"), start, duration)
+    run(source, configuration, out, find_height(height, out), report, as_json=as_json)
 
 
 def _squares(text: str) -> tuple[int, int]:

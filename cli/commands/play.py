@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli import arguments
-from cli.arguments import ConfigOption, EnvironmentOption, JsonOption
+from cli.arguments import ConfigOption, EnvironmentOption, JsonOption, StartPlaceOption
 from cli.errors import CommandError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def play(
     frames: Annotated[
         str | None, typer.Option(metavar="SLICE", help="Only these of a folder's frames, as start:stop:step.")
     ] = None,
-    start_place: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the map's first vertex.")] = None,
+    start_place: StartPlaceOption = None,
     end_place: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the map's last vertex.")] = None,
     environment: EnvironmentOption = None,
     config: ConfigOption = None,

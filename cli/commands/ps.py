@@ -1,5 +1,6 @@
 """``vtr ps``."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cli.arguments import ConfigOption, JsonOption
@@ -11,11 +12,17 @@ if TYPE_CHECKING:
 def ps(*, config: ConfigOption = None, as_json: JsonOption = False) -> None:
     """Show a robot's processes: state, pid, restarts, rates, CPU and memory."""
     from cli import robot
+
+    show(robot.find(config), as_json=as_json)
+
+
+def show(config: Path, *, as_json: bool) -> None:
+    """Show the processes of a robot, or of the fleet's server."""
     from cli.output import emit, table
     from cli.supervision.supervised import Supervised
     from cli.views.processes import rows
 
-    supervised = Supervised(robot.find(config))
+    supervised = Supervised(config)
     found = rows(supervised.config, supervised.table, supervised.processes())
     columns = ("process", "state", "pid", "restarts", "up s", "CPU %", "memory MB", "dropped", "rates Hz")
     emit(

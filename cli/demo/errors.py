@@ -36,7 +36,8 @@ class PathErrors:
 def path_errors(taught: Array, repeated: Array) -> PathErrors:
     """Errors of repeated poses (M, 4, 4) against taught ones (N, 4, 4), both in driving order in one world.
 
-    The nearest point of the taught polyline is sought near the last one's, since a route may cross itself.
+    The first pose's nearest point is sought everywhere on the taught polyline, and the next ones' near the last one's,
+    since a route may cross itself.
     """
     taught = _without_standstill(taught)
     xy, yaw = taught[:, :2, 3], np.unwrap(geometry.yaw_of(taught))
@@ -44,12 +45,12 @@ def path_errors(taught: Array, repeated: Array) -> PathErrors:
     lengths = np.linalg.norm(steps, axis=1)
     start = np.concatenate([[0.0], np.cumsum(lengths)])
     out = np.empty((len(repeated), 3))
-    here = 0.0
+    near = np.arange(len(steps))
     for i, T in enumerate(repeated):
-        near = np.flatnonzero((start[1:] > here - _NEAR_M) & (start[:-1] < here + _NEAR_M))
         k, t, lateral = _nearest(xy[near], steps[near], lengths[near], T[:2, 3])
         k = near[k]
         here = start[k] + t * lengths[k]
+        near = np.flatnonzero((start[1:] > here - _NEAR_M) & (start[:-1] < here + _NEAR_M))
         heading = geometry.yaw_of(T) - (yaw[k] + t * (yaw[k + 1] - yaw[k]))
         out[i] = here, lateral, np.arctan2(np.sin(heading), np.cos(heading))
     return PathErrors(*out.T)

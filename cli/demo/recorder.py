@@ -25,6 +25,8 @@ class Recording:
     localizations: list[Localization] = field(default_factory=list)
     latencies_ms: list[float] = field(default_factory=list)
     health: list[Health] = field(default_factory=list)
+    first_followed: float = float("inf")
+    """Monotonic time (s) at which the robot began to follow a route."""
     final_state: str = ""
     final_reason: str = ""
 
@@ -115,6 +117,8 @@ class Recorder:
         """Ends the recording."""
         self._done.set()
         self._thread.join()
+        for subscription in (self._truth, self._localization, self._safe, self._state, *self._health):
+            subscription.close()
         return self.recording
 
     def truth(self) -> Truth | None:
@@ -142,7 +146,10 @@ class Recorder:
             while (received := self._truth.poll()) is not None:
                 self._take_truth(received.message)
             while (received := self._state.poll()) is not None:
-                self._worked = self._worked or received.message.name not in (StateName.IDLE, StateName.PAUSED)
+                name = received.message.name
+                self._worked = self._worked or name not in (StateName.IDLE, StateName.PAUSED)
+                if name is StateName.REPEAT_FOLLOW:
+                    recording.first_followed = min(recording.first_followed, received.arrival)
             while (received := self._localization.poll()) is not None:
                 recording.localizations.append(received.message)
             while (received := self._safe.poll()) is not None:

@@ -20,6 +20,28 @@ SETTLING_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
+class Shared:
+    """How a map came from the robot that taught it to one that had none.
+
+    Attributes:
+        map: its id.
+        teacher, learner: the two robots.
+        megabytes: of the map in the teacher's store.
+        shared_s: from the end of the teach until the map was in the fleet's storage, seconds.
+        fetched_s: from the command to repeat until the learner followed the map, seconds.
+        in_catalog: the fleet server's maps at the end, the learner's own drive among them.
+    """
+
+    map: str
+    teacher: str
+    learner: str
+    megabytes: float
+    shared_s: float
+    fetched_s: float
+    in_catalog: int
+
+
+@dataclass(frozen=True, slots=True)
 class Report:
     """What ``demo/report.json`` holds; see its keys."""
 
@@ -40,9 +62,12 @@ class Report:
     processes: dict[str, dict[str, float]]
     final_state: str
     final_reason: str
+    shared: Shared | None = None
 
 
-def make_report(taught: Recording, repeated: Recording, offset: dict[str, float], light: Times) -> Report:
+def make_report(
+    taught: Recording, repeated: Recording, offset: dict[str, float], light: Times, shared: Shared | None = None
+) -> Report:
     """The figures of a repeat against the teach that it follows."""
     errors = path_errors(taught.poses(), repeated.poses())
     settled = errors.after(SETTLING_M)
@@ -66,6 +91,7 @@ def make_report(taught: Recording, repeated: Recording, offset: dict[str, float]
         processes=repeated.process_figures(),
         final_state=repeated.final_state,
         final_reason=repeated.final_reason,
+        shared=shared,
     )
 
 
@@ -89,6 +115,14 @@ def clock_times(report: Report) -> str:
 
 def _shares(streams: dict[str, float]) -> str:
     return ", ".join(f"{name} {share:.1%}" for name, share in streams.items()) or "no stream"
+
+
+def shared_text(shared: Shared) -> str:
+    """How the map came from one robot to the other."""
+    return (
+        f"{shared.teacher} taught {shared.map} and shared its {shared.megabytes:.1f} MB in {shared.shared_s:.1f} s; "
+        f"{shared.learner}, which had no map, drove off {shared.fetched_s:.1f} s after it was asked to"
+    )
 
 
 def write_report(report: Report, path: Path) -> None:
@@ -122,4 +156,6 @@ def print_report(report: Report, console: Console) -> None:
         shown = (str(row["stage"]), *stage) if row["stage"] else ("", "", "")
         processes.add_row(name, f"{row['cpu']:.0%}", f"{row['memory_mb']:.0f} MB", *shown)
     console.print(processes)
+    if report.shared is not None:
+        console.print(shared_text(report.shared))
     console.print(f"{report.final_state}: {report.final_reason}")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,30 +12,46 @@ from typing import Self
 
 import numpy as np
 
-from cli import client
-from cli.daylight import Times
+from cli import client, robot
 from cli.demo.driver import Driver, DriverSettings
 from cli.demo.recorder import Recorder, Recording
-from cli.demo.sensor import Sensor
 from cli.errors import CommandError
+from cli.processes import Process
 from cli.supervision.supervised import Supervised
 from common import config, topics
 from common.bus import Bus
 from common.geometry import Array
 from common.ids import VertexId
-from common.messages import Command, Done, GraphQuery, MapList, Place, StateName, VelocityCommand, WorldTime, now_ns
+from common.messages import (
+    Command,
+    Done,
+    Goal,
+    GraphQuery,
+    MapList,
+    MapSummary,
+    Place,
+    StateName,
+    SyncState,
+    VelocityCommand,
+    WorldTime,
+    now_ns,
+)
 from services.sensors.settings import Settings as SensorSettings
-from services.sensors.world import Scene
+from services.sensors.world.route import waisted_loop
 
 _DRIVE_PERIOD_S = 0.05
 _READY_S = 120.0
 _SETTLE_S = 1.0
 _LIGHT_S = 60.0
+_PLAN_S = 60.0
 _EXPOSURE_S = 3.0
 """What the auto exposure takes to follow a new light."""
 
 Progress = Callable[[str, float], None]
 """Told what is going on, and how much of it is done, 0 to 1."""
+
+Announce = Callable[[str], None]
+"""Told where a robot's web page is, once it is up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,37 +62,20 @@ class Offset:
     heading_deg: float = 5.0
 
 
-def write_config(path: Path, directory: Path, light: Times | None = None, sensor: Sensor = Sensor.STEREO) -> None:
-    """A robot in the synthetic world with everything at its defaults, on a port that is free now.
-
-    With ``light`` the world begins at the time of the teach. Where the repeat has another the sky is clear: the world's
-    clouds stand still for hours, as none do, and would be landmarks.
-    """
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    path.write_text(
-        f'[robot]\nname = "demo"\nsensor = "{sensor}"\nenvironment = "garden"\n'
-        f'directory = {json.dumps(str(directory))}\n\n[bus]\nendpoint = "tcp/127.0.0.1:{port}"\n\n'
-        f'[sensors]\ndriver = "synthetic"\nsimulate = ["{sensor.simulated}"]\n' + _world_table(light),
-        encoding="utf-8",
-    )
-
-
-def _world_table(light: Times | None) -> str:
-    if light is None:
-        return ""
-    clear = "clouds = 0.0\n" if light.repeat != light.teach else ""
-    return f"\n[sensors.world]\ntime = {light.teach.isoformat()}\n{clear}"
-
-
 class Story:
     """A robot's processes and an operator who teaches and repeats; a context manager."""
 
-    def __init__(self, config_path: Path, progress: Progress) -> None:
+    def __init__(
+        self,
+        config_path: Path,
+        progress: Progress,
+        table: Sequence[Process] | None = None,
+        announce: Announce = lambda _address: None,
+    ) -> None:
         self._config = config.load(config_path)
-        self.supervised = Supervised(config_path)
+        self.supervised = Supervised(config_path, table)
         self._progress = progress
+        self._announce = announce
         self._connection = client.connect(self._config)
         self.bus: Bus
 
@@ -86,8 +83,11 @@ class Story:
         self._progress("starting the robot's processes", 0.0)
         self.supervised.start()
         try:
-            self.supervised.wait_ready(on_change=lambda present: self._progress("starting", len(present) / 8))
+            self.supervised.wait_ready(
+                on_change=lambda present: self._progress("starting", len(present) / len(self.supervised.table))
+            )
             self.bus = self._connection.__enter__()
+            self._announce(robot.page_address(self._config))
             self._await_data()
         except BaseException:
             self.supervised.stop()
@@ -103,18 +103,22 @@ class Story:
     def route(self) -> Array:
         """The path (N, 3) of x, y, yaw that the human wants to teach."""
         settings = self._config.settings("sensors", SensorSettings)
-        return Scene.build(settings.world.scene).demo_route()
+        return waisted_loop(settings.world.scene.route_length)
 
-    def teach(self, route: Array, driver_settings: DriverSettings) -> tuple[str, Recording]:
-        """Drives the route by hand while the robot learns it; returns the map's id and what was recorded."""
+    def teach(
+        self, route: Array, driver_settings: DriverSettings, ends: tuple[str, str] = ("start", "end")
+    ) -> tuple[str, Recording]:
+        """Drives the route by hand while the robot learns it; returns the map's id and what was recorded.
+
+        ``ends`` are the names of the places that it leads from and to.
+        """
         recorder = Recorder(self.bus)
-        self._await(lambda: recorder.truth() is not None, "the world's truth", 10.0)
-        self._command(Command(action="teach", start_place="start"))
+        self.await_(lambda: recorder.truth() is not None, "the world's truth", 10.0)
+        self._command(Command(action="teach", start_place=ends[0]))
         self._drive(Driver(route, driver_settings), recorder)
         # The store answers once the last vertex is on disk.
-        self._command(Command(action="finish", end_place="end"), timeout=30.0)
-        maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(environment=self._config.robot.environment))
-        return maps.maps[-1].record.id, recorder.stop()
+        self._command(Command(action="finish", end_place=ends[1]), timeout=30.0)
+        return self.maps()[-1].record.id, recorder.stop()
 
     def set_time(self, moment: datetime) -> None:
         """Moves the world's sun to where it stands at a moment, and gives the camera's exposure time to follow."""
@@ -122,12 +126,24 @@ class Story:
         self.bus.ask(topics.TRUTH_TIME, WorldTime(stamp=round(moment.timestamp() * 1e9)), timeout=_LIGHT_S)
         time.sleep(_EXPOSURE_S)
 
-    def repeat(self, map_id: str, start: Array, offset: Offset, timeout: float) -> Recording:
-        """Puts the robot beside the start pose (4, 4) of the taught path and lets it drive to the path's end."""
-        self._put_down(start, offset)
+    def repeat(
+        self,
+        start: Array,
+        offset: Offset,
+        length: float,
+        timeout: float,
+        whence: VertexId | str,
+        goal: str = "end",
+    ) -> Recording:
+        """Puts the robot beside the start pose (4, 4) of the taught path and lets it drive to the path's end, a place.
+
+        The operator says where it stands: at a vertex of its own store or, of a path that only others know, at a place.
+        """
+        x, y = start[:2, 3] + offset.lateral_m * start[:2, 1]
+        self.put_down(x, y, np.arctan2(start[1, 0], start[0, 0]) + np.radians(offset.heading_deg))
         recorder = Recorder(self.bus)
-        self._command(Command(action="repeat", goal="end", vertex=VertexId(map_id, 0)), timeout=10.0)
-        length = self._length_of(map_id)
+        where = {"start_place": whence} if isinstance(whence, str) else {"vertex": whence}
+        self._command(Command(action="repeat", goal=Goal(to=goal), **where), timeout=_PLAN_S)
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             state = recorder.state()
@@ -137,6 +153,21 @@ class Story:
             time.sleep(_DRIVE_PERIOD_S)
         time.sleep(_SETTLE_S)
         return recorder.stop()
+
+    def maps(self) -> list[MapSummary]:
+        """The robot's own maps, the oldest first."""
+        answer: MapList = self.bus.ask(topics.MAPS, GraphQuery(environment=self._config.robot.environment))
+        return answer.maps
+
+    def await_shared(self, map_id: str, deadline: float) -> MapSummary:
+        """Waits until a map of this robot is in the fleet's storage."""
+
+        def stored() -> MapSummary:
+            maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(map=map_id))
+            return maps.maps[0]
+
+        self.await_(lambda: stored().sync is SyncState.SYNCED, f"map {map_id} in the fleet's storage", deadline)
+        return stored()
 
     def _drive(self, driver: Driver, recorder: Recorder) -> None:
         teleop = self.bus.publisher(topics.TELEOP)
@@ -157,16 +188,10 @@ class Story:
             due += _DRIVE_PERIOD_S
             time.sleep(max(0.0, due - time.monotonic()))
 
-    def _put_down(self, start: Array, offset: Offset) -> None:
-        left = start[:2, 1]
-        x, y = start[:2, 3] + offset.lateral_m * left
-        yaw = float(np.arctan2(start[1, 0], start[0, 0]) + np.radians(offset.heading_deg))
-        self.bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=yaw))
+    def put_down(self, x: float, y: float, yaw: float) -> None:
+        """Carries the robot to a pose of the plane."""
+        self.bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=float(yaw)))
         time.sleep(_SETTLE_S)
-
-    def _length_of(self, map_id: str) -> float:
-        maps: MapList = self.bus.ask(topics.MAPS, GraphQuery(map=map_id))
-        return max(maps.maps[0].length, 1.0)
 
     def _command(self, command: Command, timeout: float = 5.0) -> Done:
         answer: Done = self.bus.ask(topics.MISSION, command, timeout=timeout)
@@ -175,9 +200,14 @@ class Story:
     def _await_data(self) -> None:
         """Waits until the camera sees and the estimator measures."""
         odometry = self.bus.subscribe(topics.ODOMETRY)
-        self._await(lambda: (last := odometry.last()) is not None and last.message.success, "odometry", _READY_S)
+        self.await_(lambda: (last := odometry.last()) is not None and last.message.success, "odometry", _READY_S)
 
-    def _await(self, condition: Callable[[], bool], what: str, deadline: float) -> None:
+    def await_(self, condition: Callable[[], bool], what: str, deadline: float) -> None:
+        """Waits for a condition.
+
+        Raises:
+            CommandError: it does not come true within ``deadline`` seconds.
+        """
         start = time.monotonic()
         while not condition():
             if time.monotonic() - start > deadline:

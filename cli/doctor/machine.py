@@ -8,15 +8,13 @@ import platform
 import shutil
 import sys
 import time
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
 
 import psutil
 from packaging.requirements import Requirement
 
-Verdict = Literal["ok", "warn", "fail"]
+from cli.doctor.check import Check
 
 OLDEST_PYTHON = (3, 11)
 WANTED_CORES = 2
@@ -26,20 +24,10 @@ _TIME_ERROR = 5
 _TIMEX_BYTES = 512
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One row of the report: what was looked at, how it is, and what to do where it is not well."""
-
-    name: str
-    verdict: Verdict
-    text: str
-    advice: str = ""
-
-
-def check_python() -> Check:
+def check_python(version: tuple[int, ...] = sys.version_info[:3]) -> Check:
     """Whether this Python is new enough."""
-    text = f"{platform.python_implementation()} {platform.python_version()}, {platform.system()} {platform.machine()}"
-    if sys.version_info < OLDEST_PYTHON:
+    text = f"{platform.python_implementation()} {'.'.join(map(str, version))}, {platform.system()} {platform.machine()}"
+    if version < OLDEST_PYTHON:
         return Check("python", "fail", text, "install Python 3.11 or later")
     return Check("python", "ok", text)
 
@@ -96,20 +84,6 @@ def check_clock() -> Check:
         advice = "run a time service (chrony, systemd-timesyncd), for maps are told apart and chosen by their time"
         return Check("clock", "warn", f"{text}, set by no time service", advice)
     return Check("clock", "ok", f"{text}, set by a time service")
-
-
-def check_disk(directory: Path) -> Check:
-    """Whether the robot's directory can be written to and has room."""
-    place = next(folder for folder in (directory, *directory.parents) if folder.exists())
-    free = shutil.disk_usage(place).free / 1e9
-    text = f"{directory}: {free:.1f} GB free"
-    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-        return Check("store", "fail", f"{place} cannot be written to", "set 'directory' in [robot]")
-    if free < 0.2:
-        return Check("store", "fail", text, "make room: a taught kilometre takes some 0.2 GB")
-    if free < 2:
-        return Check("store", "warn", text, "make room: a taught kilometre takes some 0.2 GB")
-    return Check("store", "ok", text)
 
 
 def _version(name: str) -> str | None:

@@ -16,9 +16,12 @@ def leave_one_out(
     first: Annotated[str, typer.Option(metavar="HH:MM", help="The first, UTC; noon is at 11:00.")] = "04:40",
     last: Annotated[str, typer.Option(metavar="HH:MM", help="The last, UTC.")] = "17:30",
     *,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the table, the figures and the pictures.")] = Path(
-        "leave-one-out"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", "--out", metavar="DIR", help="Folder for the table, the figures and the pictures."
+        ),
+    ] = Path("leave-one-out"),
     length: Annotated[
         float | None, typer.Option(metavar="METRES", help="Drive only the route's beginning.", min=3.0)
     ] = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from cli.errors import CommandError
 from cli.replay.bus import ReplayBus
+from cli.replay.inputs import OnFrame, inputs
 from common import config, logs, topics
 from common.bus import Bus
 from common.config import RobotConfig
@@ -33,8 +34,6 @@ OUTPUTS = (topics.ODOMETRY, topics.LOCALIZATION)
 _PROCESS = "estimator"
 _SETTLE_S = 10.0
 _POLL_S = 0.0005
-
-OnFrame = Callable[[], None]
 
 
 class _StereoInTurn(StereoSensor):
@@ -91,7 +90,7 @@ def replay(
     with tempfile.TemporaryDirectory(prefix="vtr-replay-") as folder:
         store = Store(_copied(store_file, Path(folder)))
         try:
-            return _estimate(_inputs(recording, frames, on_frame), frames, configuration, sensor, store)
+            return _estimate(inputs(recording, frames, on_frame), frames, configuration, sensor, store)
         finally:
             store.close()
 
@@ -122,19 +121,6 @@ def _copied(store_file: Path | None, folder: Path) -> Path:
     return place
 
 
-def _inputs(recording: McapTimeline, frames: str, on_frame: OnFrame) -> Iterator[Entry]:
-    """What the estimator was given, without the frames that it let pass."""
-    odometry = topics.ODOMETRY.key
-    used = {getattr(r.entry.message, "stamp", 0) for r in recording.recorded([odometry])}
-    keys = [frames, topics.WHEEL_ODOMETRY.key, topics.STATE.key, topics.ROUTE.key]
-    for found in recording.recorded(keys):
-        if found.entry.key == frames:
-            if used and getattr(found.entry.message, "stamp", 0) not in used:
-                continue
-            on_frame()
-        yield found.entry
-
-
 def _estimate(
     inputs: Iterator[Entry], frames: str, configuration: RobotConfig, sensor: Sensor[Any, Any, Any], store: Store
 ) -> list[Entry]:
@@ -146,8 +132,7 @@ def _estimate(
     try:
         estimator.run()
     finally:
-        service.stop.set()
-        service.join_threads()
+        service.end()
     if service.failed:
         raise CommandError("the estimator failed on this recording: vtr replay-diff --debug says more")
     return bus.outputs

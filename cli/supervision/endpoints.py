@@ -11,7 +11,7 @@ from typing import Any
 
 from common.errors import ConfigurationError
 
-_TCP = re.compile(r"^tcp/(?:\[(?P<v6>[^]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})$")
+_TCP = re.compile(r"^(?:tcp|tls)/(?:\[(?P<v6>[^]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})$")
 _UNIX = "unixsock-stream/"
 
 
@@ -66,7 +66,7 @@ def parse(endpoint: str) -> Address:
         return Address(socket.AF_UNIX, locator.removeprefix(_UNIX), endpoint)
     match = _TCP.match(locator)
     if match is None or int(match["port"]) not in range(1, 65536):
-        raise ConfigurationError(f"'{endpoint}' is no endpoint for [bus]: write it as tcp/host:port")
+        raise ConfigurationError(f"'{endpoint}' is no endpoint for [bus]: write it as tcp/host:port or tls/host:port")
     try:
         found = socket.getaddrinfo(match["v6"] or match["host"], int(match["port"]), type=socket.SOCK_STREAM)
     except socket.gaierror as error:

@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,8 +78,13 @@ class SupervisorFiles:
                 ) from None
 
 
-def render(files: SupervisorFiles, table: Iterable[Process]) -> str:
-    """The text of ``supervisord.conf`` for the processes of a table.
+def environment_of(configuration: RobotConfig) -> dict[str, str]:
+    """What each process finds in its environment: whose it is, and that mathematics takes no threads of its own."""
+    return {"VTR_CONFIG": str(configuration.path), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+def render(files: SupervisorFiles, table: Iterable[Process], environment: Mapping[str, str] | None = None) -> str:
+    """The text of ``supervisord.conf`` for the processes of a table, with more ``environment`` than supervisor's own.
 
     How a process that ends is started again: at once, when it had been up for 5 s or more. One that ends sooner is
     tried again after 1 s, then 2 s, and so on up to 6 s; after these six retries supervisor gives up and shows it as
@@ -93,15 +98,17 @@ def render(files: SupervisorFiles, table: Iterable[Process]) -> str:
         ConfigurationError: a path holds what such a file cannot.
     """
     processes = tuple(table)
-    sections = [_daemon(files), *(_program(files, process) for process in processes)]
+    sections = [_daemon(files, environment or {}), *(_program(files, process) for process in processes)]
     sections.append(f"[group:{GROUP}]\nprograms={','.join(process.name for process in processes)}\n")
     return "\n".join(sections)
 
 
-def _daemon(files: SupervisorFiles) -> str:
+def _daemon(files: SupervisorFiles, environment: Mapping[str, str]) -> str:
+    pairs = ",".join(f'{name}="{_value(text)}"' for name, text in environment.items())
+    more = f"environment={pairs}\n" if pairs else ""
     return f"""\
 [supervisord]
-nodaemon=true
+{more}nodaemon=true
 silent=true
 logfile={_value(files.supervisor_log)}
 logfile_maxbytes=10MB
@@ -119,7 +126,7 @@ supervisor.rpcinterface_factory=supervisor.rpcinterface:make_main_rpcinterface
 
 
 def _program(files: SupervisorFiles, process: Process) -> str:
-    command = f"{shlex.quote(_value(sys.executable))} -P -m {process.module}"
+    command = f"{shlex.quote(_value(sys.executable))} -P -m {process.run}"
     return f"""\
 [program:{process.name}]
 command={command}
@@ -140,6 +147,8 @@ stdout_logfile_backups=3
 def _value(path: Path | str) -> str:
     """A path as a value of the file: ``%`` begins an expansion there, and `` ;`` or `` #`` a comment."""
     text = str(path)
-    if re.search(r"\s[;#]|[\r\n]", text):
-        raise ConfigurationError(f"the supervisor cannot use the path '{text}': it holds ' ;', ' #' or a line break")
+    if re.search(r"\s[;#]|[\r\n\"]", text):
+        raise ConfigurationError(
+            f"the supervisor cannot use the path '{text}': it holds ' ;', ' #', a quotation mark or a line break"
+        )
     return text.replace("%", "%%")

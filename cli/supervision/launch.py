@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from cli import robot
 from cli.errors import CommandError
@@ -17,13 +18,13 @@ from cli.supervision.supervised import Present, Supervised
 _POLL_S = 0.2
 
 
-def bring_up(config: Path | None, *, detach: bool, as_json: bool) -> None:
-    """Starts a robot and waits until it is up; in the foreground, stays until it is stopped.
+def bring_up(config: Path, *, detach: bool, as_json: bool) -> None:
+    """Starts a robot, or the fleet's server, and waits until it is up; in the foreground, stays until it is stopped.
 
     Raises:
         CommandError: a process did not come up, in which case all are stopped again, or the supervisor was killed.
     """
-    supervised = Supervised(robot.find(config))
+    supervised = Supervised(config)
     # SIGTERM ends the foreground as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     supervised.start(detached=detach)
@@ -40,30 +41,33 @@ def bring_up(config: Path | None, *, detach: bool, as_json: bool) -> None:
         raise
 
 
-def bring_down(config: Path | None, *, as_json: bool) -> None:
-    """Stops a robot's processes.
+def bring_down(config: Path, *, as_json: bool) -> None:
+    """Stops the processes of a robot, or of the fleet's server.
 
     Raises:
         CommandError: no supervisor runs them.
     """
-    supervised = Supervised(robot.find(config))
+    supervised = Supervised(config)
     name = supervised.config.robot.name
     if not supervised.running():
-        raise CommandError(f"robot '{name}' is not running under a supervisor of its directory")
+        raise CommandError(f"{supervised.config.who} is not running under a supervisor of its directory")
     supervised.stop()
-    emit({"robot": name, "stopped": True}, f"robot '{name}' is down", as_json=as_json)
+    emit({"robot": name, "stopped": True}, f"{supervised.config.who} is down", as_json=as_json)
 
 
 def _announce(supervised: Supervised, *, as_json: bool) -> None:
     states = supervised.processes()
     name, endpoint = supervised.config.robot.name, supervised.config.bus.endpoint
-    data = {
+    data: dict[str, Any] = {
         "robot": name,
         "endpoint": endpoint,
         "log": str(supervised.files.log),
         "processes": {state.name: state.pid for state in states},
     }
-    text = f"robot '{name}' is up: {len(states)} processes at {endpoint}, logs in {supervised.files.log}"
+    text = f"{supervised.config.who} is up: {len(states)} processes at {endpoint}, logs in {supervised.files.log}"
+    if any(process.name == "console" for process in supervised.table):
+        data["console"] = robot.page_address(supervised.config)
+        text += f"\nits web page: {data['console']}"
     emit(data, text, as_json=as_json)
 
 

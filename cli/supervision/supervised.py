@@ -17,10 +17,10 @@ from typing import Self
 
 from cli import client, robot
 from cli.errors import CommandError
-from cli.processes import ROBOT, Process
+from cli.processes import Process, table_of
 from cli.supervision import endpoints
 from cli.supervision.client import ProcessState, SupervisorClient, Unreachable, wait_gone
-from cli.supervision.files import SupervisorFiles, render
+from cli.supervision.files import SupervisorFiles, environment_of, render
 
 _ANSWER_DEADLINE_S = 5.0
 _STOP_DEADLINE_S = 4.0
@@ -35,14 +35,14 @@ class Supervised:
     As a context manager it starts them, waits until all are present, and stops them at the end of the block.
     """
 
-    def __init__(self, config_path: Path, table: Sequence[Process] = ROBOT) -> None:
+    def __init__(self, config_path: Path, table: Sequence[Process] | None = None) -> None:
         """Reads the configuration, but for the services' own tables, which are checked at the start.
 
         Raises:
             ConfigurationError: the file, or its table ``[robot]`` or ``[bus]``, is wrong.
         """
         self.config = robot.load(config_path)
-        self.table = tuple(table)
+        self.table = table_of(self.config) if table is None else tuple(table)
         self.files = SupervisorFiles.of(self.config)
         self.client = SupervisorClient(self.files.socket)
         self._daemon: subprocess.Popen[bytes] | None = None
@@ -72,10 +72,9 @@ class Supervised:
                 the router's port is in use.
         """
         robot.check(self.config, self.table)
-        name = self.config.robot.name
         with contextlib.suppress(Unreachable):
             raise CommandError(
-                f"robot '{name}' is already running under supervisor {self.client.pid()}: vtr down stops it"
+                f"{self.config.who} is already running under supervisor {self.client.pid()}: vtr down stops it"
             )
         endpoints.parse(self.config.bus.endpoint).check_free()
         self.files.make()
@@ -154,9 +153,7 @@ class Supervised:
         command = [sys.executable, "-P", "-m", "cli.supervision.daemon", str(self.files.configuration)]
         environment = {
             **os.environ,
-            "VTR_CONFIG": str(self.config.path),
-            "OPENBLAS_NUM_THREADS": "1",
-            "OMP_NUM_THREADS": "1",
+            **environment_of(self.config),
             "VTR_PARENT": str(os.getpid()),
         }
         with self._output.open("wb") as output:

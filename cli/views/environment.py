@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cli.output import table
-from common.environment import Costs, MapTable
+from common.environment import Costs, MapTable, Model
+from common.environment.costs import Array
+from common.messages import EnvironmentModel
 from services.fleet.similarity import SimilarityMatrix
 from services.fleet.spectrum import Spectrum
 
@@ -21,8 +23,9 @@ _WIDEST = 16
 
 def cost_figures(maps: MapTable, costs: Costs, at: float) -> dict[str, Any]:
     """Every map's costs at a time, hours since the Unix epoch, in the file's order."""
-    columns = (maps.names, *(part.tolist() for part in (costs.similarity, costs.distance, costs.drift, costs.cost)))
-    keys = ("name", "similarity_cost", "distance_cost", "drift_cost", "cost")
+    parts = _parts(maps, costs)
+    columns = (maps.names, *(values.tolist() for values in parts.values()))
+    keys = ("name", *(key.replace(" ", "_") for key in parts))
     rows = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
     return {"at": datetime.fromtimestamp(round(at * 3600.0, 6), UTC).isoformat(), "maps": rows}
 
@@ -34,10 +37,23 @@ def cost_rows(maps: MapTable, costs: Costs) -> list[tuple[object, ...]]:
             maps.names[k],
             maps.places[int(maps.start[k])],
             maps.places[int(maps.end[k])],
-            *(f"{part[k]:.3f}" for part in (costs.similarity, costs.distance, costs.drift, costs.cost)),
+            *(f"{part[k]:.3f}" for part in _parts(maps, costs).values()),
         )
         for k in np.argsort(costs.cost, kind="stable").tolist()
     ]
+
+
+def cost_columns(maps: MapTable) -> tuple[str, ...]:
+    """The headings of these rows."""
+    terms = ("similarity cost", "distance cost", "drift cost")
+    return ("map", "from", "to", *terms, *(() if maps.trouble is None else ("trouble cost",)), "cost")
+
+
+def _parts(maps: MapTable, costs: Costs) -> dict[str, Array]:
+    """The terms of a cost and their sum, trouble among them only where somebody has reported any."""
+    trouble = {} if maps.trouble is None else {"trouble cost": costs.trouble}
+    terms = {"similarity cost": costs.similarity, "distance cost": costs.distance, "drift cost": costs.drift}
+    return terms | trouble | {"cost": costs.cost}
 
 
 def spectrum_figures(found: Spectrum) -> dict[str, Any]:
@@ -75,3 +91,17 @@ def matrix_text(matrix: SimilarityMatrix) -> RenderableType:
         return f"{len(matrix.names)} maps compared; write them with --output, or print them with --json"
     rows = [(name, *(f"{value:.3f}" for value in row)) for name, row in zip(matrix.names, matrix.values, strict=True)]
     return table("", ("", *(str(k) for k in range(len(rows)))), rows)
+
+
+def model_text(name: str, model: Model | EnvironmentModel) -> RenderableType:
+    """A model as a table: a row for each rhythm; that of a fleet says what it was made of, and why it is no more."""
+    told = isinstance(model, EnvironmentModel)
+    significance = model.significance if isinstance(model, EnvironmentModel) else []
+    rows = [
+        (round(period, 3), round(weight, 4), round(phase, 4), f"{significance[k]:.2g}" if told else "")
+        for k, (period, weight, phase) in enumerate(zip(model.periods_hours, model.weights, model.phases, strict=True))
+    ]
+    title = f"{name}: trend {model.trend_per_hour:.3g} per hour"
+    if isinstance(model, EnvironmentModel):
+        title = f"{title}, of {model.maps} maps; {model.reason}"
+    return table(title, ("period h", "weight", "phase rad", "significance"), rows)

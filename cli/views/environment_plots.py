@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from matplotlib.patches import FancyArrowPatch
 
 from cli.views.localization_plots import save
 from common.environment import MapTable, Model, Plan, Theta, map_costs
+from common.environment.layout import places_in_plane
 from services.fleet.spectrum import Spectrum
 
 _CHOSEN, _OTHER, _LEVEL = "#c8553d", "#9aa3ad", "#2f6db3"
@@ -60,7 +60,8 @@ def plot_plan(path: Path, title: str, maps: MapTable, plan: Plan) -> None:
     chosen = set(plan.edges)
     shown = sorted(chosen) + [k for k in range(len(maps)) if k not in chosen][: max(0, _DRAWN - len(chosen))]
     used = sorted({int(place) for k in shown for place in (maps.start[k], maps.end[k])})
-    at = dict(zip(used, _layout(maps, used, shown), strict=True))
+    points = places_in_plane(maps, np.array(used), np.array(shown))
+    at = {place: (float(x), float(y)) for place, (x, y) in zip(used, points, strict=True)}
     drawn: dict[tuple[int, int], int] = {}
     for k in shown:
         ends = int(maps.start[k]), int(maps.end[k])
@@ -121,32 +122,6 @@ def plot_spectrum(path: Path, title: str, spectrum: Spectrum) -> None:
     axes.set_ylabel("part of the variance explained")
     axes.grid(alpha=0.25)
     save(figure, path)
-
-
-def _layout(maps: MapTable, used: Sequence[int], shown: Sequence[int]) -> list[tuple[float, float]]:
-    """Places in a plane: stress majorisation of the distances along maps, from a circle."""
-    index = {place: k for k, place in enumerate(used)}
-    count = len(used)
-    distance = np.full((count, count), np.inf)
-    np.fill_diagonal(distance, 0.0)
-    for k in shown:
-        a, b = index[int(maps.start[k])], index[int(maps.end[k])]
-        if a != b:
-            distance[a, b] = distance[b, a] = min(distance[a, b], max(float(maps.length[k]), 1e-3))
-    for middle in range(count):
-        distance = np.minimum(distance, distance[:, middle, None] + distance[middle])
-    finite = distance[np.isfinite(distance)]
-    distance[~np.isfinite(distance)] = 1.5 * max(float(finite.max(initial=0.0)), 1.0)
-    angle = 2.0 * math.pi * np.arange(count) / count
-    points = 0.5 * float(distance.max()) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    weights = np.where(distance > 0.0, 1.0 / np.maximum(distance, 1e-9) ** 2, 0.0)
-    for _ in range(300):
-        apart = points[:, None] - points
-        size = np.linalg.norm(apart, axis=2)
-        wished = points + apart * np.divide(distance, size, out=np.zeros_like(size), where=size > 0.0)[..., None]
-        means = (weights[..., None] * wished).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-12)[:, None]
-        points = 0.5 * (points + means)  # all move at once, and would overshoot
-    return [(float(x), float(y)) for x, y in points]
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], bend: float, chosen: bool) -> None:  # noqa: FBT001, a drawing's detail

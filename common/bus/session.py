@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeVar, cast
 
@@ -16,13 +17,14 @@ from zenoh import ext
 
 from common import wire
 from common.bus.envelope import Envelope, Source
-from common.bus.presence import Presence
+from common.bus.presence import Lives, Presence, Robots
+from common.bus.replays import Asked
 from common.bus.statistics import Statistics
 from common.bus.subscription import Subscription
 from common.bus.tap import Tap
 from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError, Unavailable
 from common.messages import Message, now_ns
-from common.topics import Delivery, Priority, Topic
+from common.topics import FLEET, Delivery, Priority, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -51,14 +53,23 @@ _LATER = "later\n"
 """Before the sentence of a refusal that need not be the last word."""
 
 
-def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: float | None = None) -> zenoh.Config:
+def session_config(
+    mode: str,
+    endpoint: str,
+    *,
+    shared_memory: bool,
+    timeout: float | None = None,
+    uplink: str | None = None,
+    access: Mapping[str, Any] | None = None,
+) -> zenoh.Config:
     """Zenoh's configuration of a robot's process: a client of the robot's router, or that router itself.
 
     A client waits ``timeout`` seconds for the router to appear, without end if that is None; a session that has
-    found it once finds it again whenever it is back.
+    found it once finds it again whenever it is back. A router is linked to the fleet's at ``uplink`` whenever that is
+    there, and waits for nothing. ``access`` is what :mod:`common.access.link` adds for either.
     """
     config = zenoh.Config()
-    ends = {"router": ([], [endpoint]), "client": ([endpoint], [])}
+    ends = {"router": ([] if uplink is None else [uplink], [endpoint]), "client": ([endpoint], [])}
     connect, listen = ends[mode]
     settings: dict[str, Any] = {
         "mode": mode,
@@ -71,11 +82,16 @@ def session_config(mode: str, endpoint: str, *, shared_memory: bool, timeout: fl
         "transport/link/tx/lease": _LEASE_MS,
     }
     settings |= {f"transport/link/tx/queue/size/{priority}": _QUEUE_BATCHES for priority in _QUEUES}
+    if mode == "router":
+        # Without end, and beside everything else; at 0 one try would be all, and a fleet that comes later never found.
+        settings["connect/timeout_ms"] = -1
+        settings["connect/exit_on_failure"] = False
+        settings["connect/retry"] = {"period_init_ms": 200, "period_max_ms": 4000, "period_increase_factor": 1.5}
     if mode == "client":
         settings["connect/timeout_ms"] = -1 if timeout is None else round(timeout * 1000)
         settings["connect/exit_on_failure"] = timeout is not None
         settings["connect/retry"] = {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5}
-    for key, value in settings.items():
+    for key, value in (settings | dict(access or {})).items():
         config.insert_json5(key, json.dumps(value))
     return config
 
@@ -106,7 +122,7 @@ class Publisher(Generic[M]):
             "express": topic.priority is not Priority.BACKGROUND,
         }
         self._bus = bus
-        self._key = key
+        self.key = key
         self._sequence = bus.sequence_of(key)
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
         if topic.delivery is Delivery.STATE:
@@ -123,7 +139,7 @@ class Publisher(Generic[M]):
         with self._sequence as number:
             envelope = Envelope.seal(payload, self._bus.source, number, stamp)
             self._publisher.put(payload, attachment=envelope.pack())
-        self._bus.statistics.sent(self._key)
+        self._bus.statistics.sent(self.key)
 
 
 class Bus:
@@ -141,10 +157,13 @@ class Bus:
         shared_memory: bool = True,
         mode: Literal["client", "router"] = "client",
         timeout: float | None = None,
+        uplink: str | None = None,
+        access: Mapping[str, Any] | None = None,
     ) -> None:
         """Opens the session.
 
-        A client waits for the router ``timeout`` seconds, and without end if that is None.
+        A client waits for the router ``timeout`` seconds, and without end if that is None; a router is linked to the
+        one at ``uplink``. ``access`` is how it shows who it is, and whom it lets in (:mod:`common.access.link`).
 
         Raises:
             NoRouter: no router answered in time.
@@ -158,8 +177,13 @@ class Bus:
         self._sequences: dict[str, Sequence] = {}
         self._declared: list[Any] = []
         self._queues: list[queue.SimpleQueue[zenoh.Query | None]] = []
+        self._questions = itertools.count(1)
         try:
-            self.session = zenoh.open(session_config(mode, endpoint, shared_memory=shared_memory, timeout=timeout))
+            self.session = zenoh.open(
+                session_config(
+                    mode, endpoint, shared_memory=shared_memory, timeout=timeout, uplink=uplink, access=access
+                )
+            )
         except zenoh.ZError as error:
             if mode == "client":
                 raise NoRouter(f"no router answers at {endpoint}: is the robot up?") from None
@@ -167,6 +191,8 @@ class Bus:
             raise BusError(
                 f"cannot open {endpoint} as a {mode}: is its port in use, or its form wrong? ({reason})"
             ) from None
+        life = f"vtr/{robot}/life/{self.source.process}/{self.source.life}"
+        self._declared.append(self.session.liveliness().declare_token(life))
 
     def __enter__(self) -> Self:
         return self
@@ -202,14 +228,41 @@ class Bus:
         self._declared.append(self.session.liveliness().declare_subscriber(key, presence.hand_over, history=True))
         return presence
 
+    def lives(self) -> Lives:
+        """Which lives of which processes are connected, from now on."""
+        lives = Lives()
+        key = f"vtr/{self.robot}/life/*/*"
+        self._declared.append(self.session.liveliness().declare_subscriber(key, lives.hand_over, history=True))
+        return lives
+
+    def robots(self, robot: str = "*") -> Robots:
+        """Who is there of the whole fleet, from now on: the robots whose routers this one's is linked to, or one."""
+        robots = Robots()
+        key = f"vtr/{robot}/alive/*"
+        declared = self.session.liveliness().declare_subscriber(key, robots.hand_over, history=True)
+        self._declared.append(declared)
+        return robots
+
     def publisher(self, topic: Topic, name: str = "") -> Publisher[Any]:
-        """The sending end of a topic, for one sensor or service where its key asks for a name."""
+        """The sending end of a topic, for one sensor, service or environment where its key asks for a name."""
         return Publisher(self, topic, topic.at(self.robot, name))
 
-    def subscribe(self, topic: Topic, name: str = "*", *, wake: threading.Event | None = None) -> Subscription[Any]:
-        """The receiving end of a topic; ``wake`` is set at each arrival, so that a loop can wait for several topics."""
-        subscription = Subscription(topic, topic.message, self.robot, self.statistics, wake)
-        self._listen(topic, topic.at(self.robot, name), subscription.hand_over)
+    def subscribe(
+        self,
+        topic: Topic,
+        name: str = "*",
+        *,
+        wake: threading.Event | None = None,
+        robot: str | None = None,
+    ) -> Subscription[Any]:
+        """The receiving end of a topic; ``wake`` is set at each arrival, so that a loop can wait for several topics.
+
+        It is that of this robot, of another ``robot``, or of all that are connected where that is ``*``.
+        """
+        of = FLEET if topic.fleet else robot or self.robot
+        subscription = Subscription(topic, topic.message, of, self.statistics, wake)
+        declared = self._listen(topic, topic.at(robot or self.robot, name), subscription.hand_over)
+        subscription.undeclare = lambda: self._forget(declared)
         return subscription
 
     def tap(self, keys: Iterable[tuple[Topic, str]]) -> Tap:
@@ -219,27 +272,31 @@ class Bus:
             self._listen(topic, topic.at(self.robot, name), tap.receiver(topic))
         return tap
 
-    def _listen(self, topic: Topic, key: str, receive: Callable[[zenoh.Sample], None]) -> None:
+    def _listen(self, topic: Topic, key: str, receive: Callable[[zenoh.Sample], None]) -> Any:  # noqa: ANN401, Zenoh's
+        declared: Any
         if topic.delivery is Delivery.STATE:
-            self._declared.append(
-                ext.declare_advanced_subscriber(
-                    self.session,
-                    key,
-                    receive,
-                    history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-                )
-            )
+            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+            declared = ext.declare_advanced_subscriber(self.session, key, receive, history=history)
         else:
-            self._declared.append(self.session.declare_subscriber(key, receive))
+            declared = self.session.declare_subscriber(key, receive)
+        self._declared.append(declared)
+        return declared
 
-    def serve(self, topic: Topic, handler: Callable[[Any], Message]) -> None:
-        """Answers a topic's queries, one at a time in a thread of its own.
+    def _forget(self, declared: Any) -> None:  # noqa: ANN401, Zenoh's
+        """Ends one declaration before the session does."""
+        if declared in self._declared:
+            self._declared.remove(declared)
+            declared.undeclare()
+
+    def serve(self, topic: Topic, handler: Callable[[Any], Message], name: str = "") -> None:
+        """Answers a topic's queries, one at a time in a thread of its own; ``name`` is as for a publisher, or ``*``.
 
         A :class:`RetraverseError` of the handler becomes the asker's refusal; any other error is logged, and refused
         without its details.
         """
         waiting: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._queues.append(waiting)
+        asked = Asked()
 
         def hand_over(query: zenoh.Query) -> None:
             if waiting.qsize() < _REQUESTS_WAITING:
@@ -248,18 +305,18 @@ class Bus:
         def answer() -> None:
             while (query := waiting.get()) is not None:
                 try:
-                    self._answer(topic, query, handler)
+                    self._answer(topic, key if name != "*" else str(query.key_expr), query, handler, asked)
                 except zenoh.ZError as error:
                     # The asker has gone, or this session ends: the next question may still be answered.
                     log.warning("an answer could not be sent", key=key, reason=str(error))
                 del query  # its end tells the asker that no more answers come
 
-        key = topic.at(self.robot)
+        key = topic.at(self.robot, name)
         threading.Thread(target=answer, name=f"serve {topic.key}", daemon=True).start()
         self._declared.append(self.session.declare_queryable(key, hand_over, complete=True))
 
-    def ask(self, topic: Topic, question: Message, timeout: float = 2.0) -> Any:  # noqa: ANN401, the topic's answer
-        """The answer to a question.
+    def ask(self, topic: Topic, question: Message, timeout: float = 2.0, name: str = "") -> Any:  # noqa: ANN401, the topic's answer
+        """The answer to a question; ``name`` is the environment's for a topic of the fleet's server.
 
         Raises:
             Refused: the answerer's own sentence.
@@ -269,9 +326,9 @@ class Bus:
             MalformedMessage: the answer is none of this topic's.
         """
         payload = wire.encode(question)
-        envelope = Envelope.seal(payload, self.source, 0, now_ns())
+        envelope = Envelope.seal(payload, self.source, next(self._questions), now_ns())
         replies = self.session.get(
-            topic.at(self.robot),
+            topic.at(self.robot, name),
             payload=payload,
             attachment=envelope.pack(),
             timeout=timeout,
@@ -287,14 +344,17 @@ class Bus:
                     raise _refusal(text)
         if not self.connected():
             raise NoRouter(f"no router answers at {self.endpoint}: is the robot up?")
+        if topic.fleet:
+            raise NoAnswer(f"the fleet's server does not answer '{topic.at(self.robot, name)}': is it up, and linked?")
         raise NoAnswer(
             f"nobody answers '{topic.key}' on robot '{self.robot}': is {topic.owners[0]} running? See vtr ps."
         )
 
-    def _answer(self, topic: Topic, query: zenoh.Query, handler: Callable[[Any], Message]) -> None:
-        key = topic.at(self.robot)
+    def _answer(
+        self, topic: Topic, key: str, query: zenoh.Query, handler: Callable[[Any], Message], asked: Asked
+    ) -> None:
         try:
-            question = self._question(topic, query)
+            question = self._question(topic, query, asked)
         except MalformedMessage as error:
             self.statistics.dropped(key, str(error))
             query.reply_err(str(error))
@@ -312,12 +372,14 @@ class Bus:
             query.reply(key, reply)
             self.statistics.sent(key)
 
-    def _question(self, topic: Topic, query: zenoh.Query) -> Message:
+    def _question(self, topic: Topic, query: zenoh.Query, asked: Asked) -> Message:
         payload = b"" if query.payload is None else query.payload.to_bytes()
         attachment = None if query.attachment is None else query.attachment.to_bytes()
-        source = Envelope.open(attachment, payload).source
-        if source.robot != self.robot:
-            raise MalformedMessage(f"the question is of robot {source.robot!a}")
+        envelope = Envelope.open(attachment, payload)
+        if envelope.source.robot != self.robot and not topic.fleet:
+            raise MalformedMessage(f"the question is of robot {envelope.source.robot!a}")
+        if not asked.first_time(envelope.source, envelope.sequence):
+            raise MalformedMessage(f"the question of {envelope.source.process!a} was asked before: it is a replay")
         return wire.decode(topic.message, payload)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -22,6 +23,7 @@ M = TypeVar("M", bound=Message)
 _STATE_BACKLOG = 256
 _FRAME_KEYS = 64
 _SOURCES_KEPT = 64
+_ANY = "*"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +37,23 @@ class Received(Generic[M]):
 
 
 class Subscription(Generic[M]):
-    """The samples of one topic, checked: of this robot, from the topic's owner, well formed, and in sequence.
+    """The samples of one topic, checked: of its robot, from the topic's owner, well formed, and in sequence.
 
     Of a FRAME topic only the newest unread sample of each key is kept; of a STATE topic all are, in order. Nothing is
     decoded before it is asked for, and then in the thread that asks.
+
+    Attributes:
+        topic: what it is of.
+        undeclare: ends it at the session, which sets this.
     """
 
     def __init__(
-        self, topic: Topic, model: type[M], robot: str, statistics: Statistics, wake: threading.Event | None
+        self,
+        topic: Topic,
+        model: type[M],
+        robot: str,
+        statistics: Statistics,
+        wake: threading.Event | None,
     ) -> None:
         self.topic = topic
         self._model = model
@@ -54,6 +65,12 @@ class Subscription(Generic[M]):
         self._lock = threading.Lock()
         self._sequences: OrderedDict[tuple[str, Source], int] = OrderedDict()
         self._last: Received[M] | None = None
+        self.undeclare: Callable[[], None] | None = None
+
+    def close(self) -> None:
+        """Hears nothing any more; without it a subscription lasts as long as its session."""
+        if self.undeclare is not None:
+            self.undeclare()
 
     def hand_over(self, sample: zenoh.Sample) -> None:
         """Zenoh's callback: keeps the sample for the consumer, and nothing else."""
@@ -108,11 +125,12 @@ class Subscription(Generic[M]):
             payload = sample.payload.to_bytes()
             attachment = sample.attachment
             envelope = Envelope.open(None if attachment is None else attachment.to_bytes(), payload)
-            self._check_source(envelope.source)
+            self._check_source(key, envelope.source)
             identity = (key, envelope.source)
-            if envelope.sequence <= self._sequences.get(identity, -1):
+            newest = self._sequences.get(identity, -1)
+            if envelope.sequence <= newest:
                 # A late joiner receives the last state from the publisher's cache and again live.
-                if self.topic.delivery is Delivery.FRAME:
+                if self.topic.delivery is Delivery.FRAME or envelope.sequence < newest:
                     self._statistics.dropped(key, "out of sequence")
                 return None
             message = wire.decode(self._model, payload)
@@ -122,8 +140,9 @@ class Subscription(Generic[M]):
             self._statistics.dropped(key, str(error))
             return None
 
-    def _check_source(self, source: Source) -> None:
-        if source.robot != self._robot:
+    def _check_source(self, key: str, source: Source) -> None:
+        of = key.split("/")[1] if self._robot == _ANY else self._robot
+        if source.robot != of:
             raise MalformedMessage(f"the sample is of robot {source.robot!a}")
         if self.topic.owners != ("*",) and source.process not in self.topic.owners:
             raise MalformedMessage(f"{source.process!a} does not own this topic")

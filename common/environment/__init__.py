@@ -8,7 +8,7 @@ the environment as a file holds it, :mod:`table` the same as columns, :mod:`cost
 from common.environment.costs import MODES, Costs, Theta, map_costs
 from common.environment.model import Environment, MapEntry, Model, read_environment
 from common.environment.network import Network
-from common.environment.planning import Plan, plan
+from common.environment.planning import Plan, plan, warm_up
 from common.environment.table import MapTable
 
 __all__ = [
@@ -24,4 +24,5 @@ __all__ = [
     "map_costs",
     "plan",
     "read_environment",
+    "warm_up",
 ]

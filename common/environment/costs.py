@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from common.compiled import kernel
 from common.environment.model import Model
 from common.environment.table import MapTable
+from common.environment.trouble import at_hour
 
 Array = NDArray[np.float64]
 
@@ -30,15 +31,21 @@ _S: Final = tuple((-1.0) ** k * (2.0 * math.pi) ** (2 * k + 1) / math.factorial(
 
 @dataclass(frozen=True, slots=True)
 class Theta:
-    """The weights of (3.6): what a map's likeness to now, its length and its drift matter; negative to seek them."""
+    """The weights of (3.6): what a map's likeness to now, its length and its drift matter; negative to seek them.
+
+    ``trouble`` is that of what repeats told of a map, which is never sought.
+    """
 
     similarity: float = 1.0
     distance: float = 0.0
     drift: float = 0.0
+    trouble: float = 1.0
 
     def __post_init__(self) -> None:
-        if not all(map(math.isfinite, self.values)):
+        if not all(map(math.isfinite, (*self.values, self.trouble))):
             raise ValueError("the weights theta must be finite numbers")
+        if self.trouble < 0.0:
+            raise ValueError("trouble cannot be sought: its weight is not negative")
 
     @property
     def values(self) -> tuple[float, float, float]:
@@ -58,13 +65,15 @@ class Costs:
         similarity: (N,) C_k of (3.3).
         distance: (N,) d_k, the length divided by the longest map's.
         drift: (N,) delta(n_k).
-        cost: (N,) J_k of (3.6).
+        trouble: (N,) the share of metres not localized at this hour of the day.
+        cost: (N,) J_k of (3.6), and the trouble.
         edge: (N,) what a plan adds up, never negative: J_k, but for terms whose theta is negative.
     """
 
     similarity: Array
     distance: Array
     drift: Array
+    trouble: Array
     cost: Array
     edge: Array
 
@@ -78,6 +87,9 @@ def map_costs(maps: MapTable, model: Model, at_hours: float, theta: Theta, *, pe
     A negative theta seeks what its term avoids. So that no edge is negative and no route gains by going in circles, the
     term of an edge is then ``|theta| (upper bound - term)``; and should the model's weights let C_k fall below zero,
     its lower bound is taken off likewise.
+
+    Where repeats have told of maps (:mod:`common.environment.trouble`), ``theta.trouble`` times their trouble at this
+    hour of the day is added, for the whole map or for each of its metres as the likeness is.
     """
     similarity = similarity_cost(model, at_hours - maps.hours)
     distance, drift = distance_cost(maps.length), drift_cost(maps.generation)
@@ -89,7 +101,11 @@ def map_costs(maps: MapTable, model: Model, at_hours: float, theta: Theta, *, pe
             cost += weight * term * scale
             above = term - min(lower, 0.0) if weight > 0.0 else upper - term
             edge += abs(weight) * np.maximum(above, 0.0) * scale
-    return Costs(similarity, distance, drift, cost, edge)
+    trouble = np.zeros(len(maps)) if maps.trouble is None else at_hour(maps.trouble, at_hours)
+    if maps.trouble is not None and theta.trouble:
+        raised = theta.trouble * trouble * share
+        cost, edge = cost + raised, edge + raised
+    return Costs(similarity, distance, drift, trouble, cost, edge)
 
 
 def similarity_cost(model: Model, lag: Array) -> Array:

@@ -9,11 +9,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from common.errors import ConfigurationError
 
 _LARGEST = 1 << 31
+_HOURS = 24
 
 
 def _moment(value: object) -> datetime:
@@ -46,6 +56,7 @@ def _name(text: str) -> str:
 Name = Annotated[str, AfterValidator(_name)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -83,6 +94,8 @@ class MapEntry(BaseModel):
         timestamp: when it was recorded.
         length: metres.
         generation: 0 for a taught map, n + 1 for one recorded while repeating generation n.
+        trouble: by hour of the day (UTC), the share of the metres driven on it that were not localized
+            (:mod:`common.environment.trouble`); empty where nobody has repeated it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -93,6 +106,16 @@ class MapEntry(BaseModel):
     timestamp: Annotated[datetime, BeforeValidator(_moment)]
     length: NotNegative
     generation: Annotated[int, Field(ge=0, le=_LARGEST)] = 0
+    trouble: tuple[Share, ...] = ()
+
+    @field_validator("trouble")
+    @classmethod
+    def _by_the_hour(cls, shares: tuple[float, ...]) -> tuple[float, ...]:
+        if len(shares) not in {0, _HOURS}:
+            raise ValueError(
+                f"the trouble of a map has {_HOURS} shares, one for each hour of the day, not {len(shares)}"
+            )
+        return shares
 
 
 class Environment(BaseModel):
@@ -125,6 +148,15 @@ def read_environment(path: Path) -> Environment:
         return Environment.model_validate(content)
     except ValidationError as error:
         raise ConfigurationError(_sentence(path, error)) from None
+
+
+def environment_json(environment: Environment) -> dict[str, Any]:
+    """The content of the file that :func:`read_environment` reads; a map's trouble only where there is any."""
+    content = environment.model_dump(mode="json")
+    for entry in content["maps"]:
+        if not entry["trouble"]:
+            del entry["trouble"]
+    return content
 
 
 def read_json(path: Path) -> Any:  # noqa: ANN401, whatever JSON can hold

@@ -60,13 +60,17 @@ class Network:
 
         ``cost`` (N,) is nowhere negative. The heuristic is the least number of edges that are still to come, times the
         cheapest edge's cost: it never exceeds the truth, nor falls by more than an edge's cost along it, so that the
-        first time a place is reached for good is the best. Empty where no way leads to the goal, or it is the start.
+        first time a place is reached for good is the best. Edges of infinite cost are closed. Empty where no way leads
+        to the goal, or it is the start.
         """
         hops = self.hops(goal)
         if hops[start] <= 0:
             return []
-        heuristic: Array = float(cost.min()) * hops.astype(np.float64)
+        least = float(cost.min())
+        heuristic: Array = (least if np.isfinite(least) else 0.0) * hops.astype(np.float64)
         arrived_by = _a_star(self.out_first, self.out_edges, self.end, cost, heuristic, hops, start, goal)
+        if arrived_by[goal] == _NONE:
+            return []
         edges: list[int] = []
         place = goal
         while place != start:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.environment.costs import Costs, Theta, map_costs
-from common.environment.model import Model
+from common.environment.model import MapEntry, Model
 from common.environment.network import Network
 from common.environment.table import MapTable
 from common.errors import GraphError
@@ -52,8 +53,11 @@ def plan(
     theta: Theta,
     *,
     per_metre: bool = False,
+    closed: NDArray[np.bool_] | None = None,
 ) -> Plan:
     """The path of least summed cost from one place to another at a time, hours since the Unix epoch.
+
+    ``closed`` (N,) are maps that must not be driven on.
 
     Raises:
         GraphError: a place is unknown, the two are one, or no sequence of maps connects them.
@@ -62,12 +66,21 @@ def plan(
     if first == last:
         raise GraphError(f"there is nothing to plan: start and goal are both '{start}'")
     costs = map_costs(maps, model, at_hours, theta, per_metre=per_metre)
-    edges = network.cheapest(costs.edge, first, last)
+    barred = np.zeros(len(maps), dtype=bool) if closed is None else closed
+    edges = network.cheapest(np.where(barred, np.inf, costs.edge), first, last)
     if not edges:
         raise GraphError(f"no sequence of maps leads from '{start}' to '{goal}': {_reachable(maps, network, first)}")
-    why = [_why_map(maps, network, costs, theta, at_hours, edge) for edge in edges]
-    why.append(_why_route(maps, costs, edges, network.cheapest(maps.length, first, last)))
+    why = [_why_map(maps, network, costs, theta, at_hours, edge, barred) for edge in edges]
+    shortest = network.cheapest(np.where(barred, np.inf, maps.length), first, last)
+    why.append(_why_route(maps, costs, edges, shortest))
     return Plan([maps.names[edge] for edge in edges], edges, float(costs.edge[edges].sum()), why, costs)
+
+
+def warm_up() -> None:
+    """Compiles what a plan goes through, which takes seconds the first time on a machine."""
+    hour = datetime.fromtimestamp(0.0, UTC)
+    maps = MapTable.of([MapEntry(name="a", start="p", end="q", timestamp=hour, length=1.0)])
+    plan(maps, Network.of(maps), Model(periods_hours=(24.0,), weights=(1.0,), phases=(0.0,)), "p", "q", 1.0, Theta())
 
 
 def _place(maps: MapTable, name: str) -> int:
@@ -93,7 +106,15 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + more
 
 
-def _why_map(maps: MapTable, network: Network, costs: Costs, theta: Theta, at_hours: float, edge: int) -> str:
+def _why_map(
+    maps: MapTable,
+    network: Network,
+    costs: Costs,
+    theta: Theta,
+    at_hours: float,
+    edge: int,
+    barred: NDArray[np.bool_],
+) -> str:
     """What a chosen map costs and of what, and which maps between the same two places cost more."""
     ends = f"from {maps.places[int(maps.start[edge])]} to {maps.places[int(maps.end[edge])]}"
     recorded = datetime.fromtimestamp(float(maps.hours[edge]) * 3600.0, UTC)
@@ -102,6 +123,7 @@ def _why_map(maps: MapTable, network: Network, costs: Costs, theta: Theta, at_ho
         f"({_age(at_hours - float(maps.hours[edge]))}), costs {costs.edge[edge]:.3f}: {_terms(costs, theta, edge)}"
     )
     parallel = network.parallel(edge)
+    parallel = parallel[~barred[parallel]]
     others = parallel[parallel != edge]
     if len(others) == 0:
         return f"{described}; it is the only map {ends}"
@@ -126,6 +148,8 @@ def _terms(costs: Costs, theta: Theta, edge: int) -> str:
         for weight, (name, values) in zip(theta.values, named, strict=True)
         if weight
     ]
+    if theta.trouble and costs.trouble[edge] > _SAME:
+        terms.append(f"trouble of repeats at this hour {costs.trouble[edge]:.3f}")
     return ", ".join(terms) or "every weight is zero"
 
 

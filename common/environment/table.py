@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.environment.model import MapEntry
+from common.environment.trouble import HOURS
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -27,6 +28,7 @@ class MapTable:
         hours: (N,) timestamps s_k, hours since the Unix epoch.
         length: (N,) metres.
         generation: (N,) n_k.
+        trouble: (N, 24) by hour of the day (:mod:`common.environment.trouble`); None where no map has any.
     """
 
     names: Sequence[str]
@@ -36,6 +38,7 @@ class MapTable:
     hours: Array
     length: Array
     generation: NDArray[np.int64]
+    trouble: NDArray[np.float32] | None = None
 
     @classmethod
     def of(cls, maps: Iterable[MapEntry]) -> Self:
@@ -55,10 +58,21 @@ class MapTable:
             hours=np.array([hours_of(entry.timestamp) for entry in entries], dtype=np.float64),
             length=np.array([entry.length for entry in entries], dtype=np.float64),
             generation=np.array([entry.generation for entry in entries], dtype=np.int64),
+            trouble=_trouble([entry.trouble for entry in entries]),
         )
 
     def __len__(self) -> int:
         return len(self.hours)
+
+
+def _trouble(rows: Sequence[Sequence[float]]) -> NDArray[np.float32] | None:
+    if not any(rows):
+        return None
+    table = np.zeros((len(rows), HOURS), dtype=np.float32)
+    for row, shares in zip(table, rows, strict=True):
+        if shares:
+            row[:] = shares
+    return table
 
 
 def hours_of(moment: datetime) -> float:

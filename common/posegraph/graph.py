@@ -18,7 +18,7 @@ from common import geometry
 from common.errors import GraphError
 from common.geometry import Array, Uncertain
 from common.ids import VertexId
-from common.messages import MapRecord
+from common.messages import MapRecord, Restriction
 
 Allow = Callable[[VertexId], bool]
 """Says of a vertex whether a search may go through it."""
@@ -46,13 +46,17 @@ class Edge:
 class Experience:
     """One drive: its record, how many vertices it has, and what the map store says of it.
 
-    ``bytes`` is the size of its keyframes in the store, 0 where nobody asked the store.
+    ``bytes`` is the size of its keyframes in the store, 0 where nobody asked the store; ``length`` is in metres;
+    ``start_place`` and ``end_place`` are what it leads from and to, where that was told.
     """
 
     record: MapRecord
     vertices: int = 0
     finished: bool = False
     bytes: int = 0
+    length: float = field(default=0.0, compare=False)
+    start_place: str | None = None
+    end_place: str | None = None
 
     @property
     def privileged(self) -> bool:
@@ -71,6 +75,7 @@ class PoseGraph:
         self.environment = environment
         self.experiences: dict[str, Experience] = {}
         self.places: dict[str, VertexId] = {}
+        self.restrictions: list[Restriction] = []
         self.edges: list[Edge] = []
         self._adjacent: dict[VertexId, dict[VertexId, Edge]] = {}
 

@@ -22,7 +22,8 @@ def from_topology(topology: Topology) -> PoseGraph:
     names: list[list[VertexId]] = []
     for summary in topology.maps:
         experience = graph.add_experience(summary.record)
-        experience.finished, experience.bytes = summary.finished, summary.bytes
+        experience.finished, experience.bytes, experience.length = summary.finished, summary.bytes, summary.length
+        experience.start_place, experience.end_place = summary.start_place, summary.end_place
         for index in range(summary.vertices):
             graph.add_vertex(VertexId(summary.record.id, index))
         names.append(graph.vertices(summary.record.id))
@@ -32,6 +33,7 @@ def from_topology(topology: Topology) -> PoseGraph:
         graph.add_edge(Edge(names[k_a][i_a], names[k_b][i_b], Uncertain(T, covariance), spatial))
     for place, vertex in topology.places.items():
         graph.name_place(place, vertex)
+    graph.restrictions.extend(topology.restrictions)
     return graph
 
 
@@ -46,7 +48,15 @@ def to_topology(graph: PoseGraph) -> Topology:
     return Topology(
         environment=graph.environment,
         maps=[
-            MapSummary(record=e.record, vertices=e.vertices, length=lengths[k], bytes=e.bytes, finished=e.finished)
+            MapSummary(
+                record=e.record,
+                vertices=e.vertices,
+                length=lengths[k],
+                bytes=e.bytes,
+                finished=e.finished,
+                start_place=e.start_place,
+                end_place=e.end_place,
+            )
             for k, e in graph.experiences.items()
         ],
         edges=np.array(ends, dtype=np.int32).reshape(-1, 4),
@@ -54,6 +64,7 @@ def to_topology(graph: PoseGraph) -> Topology:
         T_a_b=np.array([edge.T_a_b.T for edge in graph.edges]).reshape(-1, 4, 4),
         covariances=np.array([edge.T_a_b.covariance for edge in graph.edges]).reshape(-1, 6, 6),
         places=dict(graph.places),
+        restrictions=list(graph.restrictions),
     )
 
 

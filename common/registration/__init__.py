@@ -6,12 +6,13 @@ how sure.
 """
 
 from common.registration.correlation import Prepared
-from common.registration.gradients import GradientRepresentation, GradientSettings
+from common.registration.gradients import OF_THUMBNAILS, GradientRepresentation, GradientSettings
 from common.registration.network import NetworkRepresentation
 from common.registration.register import Registrar, Registration, register
 from common.registration.representation import Described, Representation
 
 __all__ = [
+    "OF_THUMBNAILS",
     "Described",
     "GradientRepresentation",
     "GradientSettings",

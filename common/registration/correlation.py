@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +47,18 @@ class Prepared:
 def prepare(described: Described) -> Prepared:
     """Fades a representation out towards its sides, without its rows' means, and transforms it."""
     width = described.values.shape[2]
-    fade = np.sin(np.pi * (np.arange(width) + 0.5) / width) ** _FADE
     centred = described.values - described.values.mean(axis=2, keepdims=True)
-    faded = (centred * fade).astype(np.float32)
+    faded = (centred * fading(width)).astype(np.float32)
     columns = np.einsum("chw,chw->w", faded, faded, dtype=np.float64)
     spectrum = np.fft.rfft(faded, 2 * width, axis=2).astype(np.complex64)
     return Prepared(described, spectrum, np.concatenate([[0.0], np.cumsum(columns)]))
+
+
+@lru_cache(maxsize=8)
+def fading(width: int) -> Curve:
+    """(w,) what each column of an image counts: little at its sides."""
+    fade: Curve = np.sin(np.pi * (np.arange(width) + 0.5) / width) ** _FADE
+    return fade
 
 
 def similarity(live: Prepared, stored: Prepared, reach: int) -> Curve:

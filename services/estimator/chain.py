@@ -55,17 +55,34 @@ class LocalizationChain:
     """
 
     def __init__(self, path: Array, settings: ChainSettings | None = None) -> None:
-        self._path = np.asarray(path, dtype=np.float64)
         self._settings = settings or ChainSettings()
-        self._arclength = geometry.arclength(self._path)
-        longest = float(np.diff(self._arclength).max(initial=0.0))
-        self._look_back = max(self._settings.look_back, 1.5 * longest)
-        self._look_ahead = max(self._settings.look_ahead, 3.0 * longest)
+        self._path: Array
+        self._arclength: Array
+        self.extend(path)
         self.trunk = 0
         self.branch = 0
         self._T_branch_leaf = DeadReckoning()
         self._metres = 0.0
         self.localized = False
+
+    def extend(self, path: Array) -> None:
+        """Goes on over a longer route, whose first vertices are those of the present one: nothing is forgotten."""
+        self._path = np.asarray(path, dtype=np.float64)
+        self._arclength = geometry.arclength(self._path)
+        longest = float(np.diff(self._arclength).max(initial=0.0))
+        self._look_back = max(self._settings.look_back, 1.5 * longest)
+        self._look_ahead = max(self._settings.look_ahead, 3.0 * longest)
+
+    def metres_left(self) -> float:
+        """From the trunk to the route's end."""
+        return float(self._arclength[-1] - self._arclength[self.trunk])
+
+    def T_end_leaf(self) -> Uncertain:
+        """The leaf in the frame of the route's last vertex, by the path; near the end alone is this of use."""
+        T_end_trunk = geometry.inverse(self._path[-1]) @ self._path[self.trunk]
+        sigma = self._settings.floor + self._settings.path_drift * self.metres_left()
+        covariance = np.diag(np.repeat([sigma, sigma / 2.0], 3) ** 2)
+        return Uncertain(T_end_trunk, covariance) @ self.T_trunk_leaf()
 
     def __len__(self) -> int:
         return len(self._path)

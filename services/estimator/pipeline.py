@@ -72,6 +72,7 @@ class Localized:
         reason: why it failed.
         streams: what each stream made of it, by name.
         members: landmarks that agree by member of a joint submap, in the order in which they were joined.
+        pixels: x, y (N, 2) in the frame's image of the landmarks that agree; None where it is of no image.
     """
 
     success: bool
@@ -81,6 +82,7 @@ class Localized:
     reason: str
     streams: Mapping[str, StreamResult] = field(default_factory=dict)
     members: tuple[int, ...] = ()
+    pixels: Array | None = None
 
 
 class Pipeline(Protocol[Live_contra, Submap]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, TypeVar
 
@@ -77,6 +78,24 @@ class RouteLocalizer(Generic[Live, Submap]):
         self.chain.start(index)
         around = self.chain.window(self._window.search, self._window.search)
         self._candidates = itertools.cycle(sorted(around, key=lambda i: abs(i - index)))
+
+    def extend(self, vertices: Sequence[VertexId], path: Array) -> bool:
+        """Goes on over a longer route without forgetting anything; False where it does not begin as the present one."""
+        known = self.map.vertices
+        if not self.metric or list(vertices[: len(known)]) != known:
+            return False
+        self.map.extend(vertices, path)
+        self.chain.extend(path)
+        self._wanted = None
+        return True
+
+    def metres_left(self) -> float:
+        """From the trunk to the route's end."""
+        return self.chain.metres_left()
+
+    def T_end_leaf(self) -> Uncertain:
+        """The live robot in the frame of the route's last vertex."""
+        return self.chain.T_end_leaf()
 
     def actions(self) -> Array | None:
         """Taught actions (K, 3) ``[metres ahead of the robot, m/s, rad/s]`` to be replayed, for maps that have them."""

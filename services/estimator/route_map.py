@@ -51,6 +51,11 @@ class RouteMap(Generic[Live, Submap]):
         self._ranking: list[str] = []
         self._joint: JointSubmap[Submap] | None = None
 
+    def extend(self, vertices: Sequence[VertexId], path: Array) -> None:
+        """Goes on over a longer route that begins with the present vertices."""
+        self.vertices = list(vertices)
+        self._path = np.asarray(path, dtype=np.float64)
+
     def use(self, experiences: RouteExperiences) -> None:
         """Joins these experiences from now on; may be called from any thread."""
         self._known = experiences, ExperienceChoice(experiences.stamps, self._settings)

@@ -12,13 +12,15 @@ import structlog
 from common import messages as m
 from common import topics
 from common.errors import BusError
-from common.geometry import Uncertain
+from common.geometry import Array, Uncertain
 from common.ids import VertexId
 from common.service import Service
 from services.estimator import relocalization
 from services.estimator.committer import Committer
 from services.estimator.experience import ExperienceRecorder, Place
 from services.estimator.experience_loader import ExperienceLoader
+from services.estimator.joints import JointBehind, JointSearch
+from services.estimator.merging import ClosureSearch
 from services.estimator.pipeline import Localized, Pipeline, Step
 from services.estimator.reckoning import DeadReckoning
 from services.estimator.relocalization import Finder
@@ -61,6 +63,8 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._routes = bus.subscribe(topics.ROUTE)
         self._odometry = bus.publisher(topics.ODOMETRY)
         self._localization = bus.publisher(topics.LOCALIZATION)
+        self._matches = bus.publisher(topics.MATCHES)
+        self._closures = bus.publisher(topics.LOOP_CLOSURE)
         self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
         self._submaps: SubmapCache[Submap] = SubmapCache(self._fetch, self._read)
         self._experiences = ExperienceLoader(self._topology, settings.experiences)
@@ -72,11 +76,15 @@ class Estimator(Generic[Frame, Live, Submap]):
             settings.relocalization,
         )
         self._wheel_motion = WheelMotion(settings.wheels)
+        self._wheels_stamp: int | None = None
         self._calibration: Hashable = None
         self._pipeline: FramePipeline[Frame, Live, Submap] | None = None
         self._recorder: ExperienceRecorder[Live, Submap] | None = None
         self._localizer: RouteLocalizer[Live, Submap] | None = None
         self._localizing: tuple[str, VertexId | None] | None = None
+        self._joint: JointSearch[Live, Submap] | None = None
+        self._behind: JointBehind | None = None
+        self._closure: ClosureSearch[Live, Submap] | None = None
         self._anchor: VertexId | None = None
         self._T_anchor_live = DeadReckoning()
         self._joined: VertexId | None = None
@@ -120,16 +128,20 @@ class Estimator(Generic[Frame, Live, Submap]):
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
         self._T_anchor_live.move(step)
+        if self._behind is not None:
+            self._behind.move(step)
         self._publish_odometry(step)
         if state is not None:
             localized = self._localize(pipeline, step, state)
             self._record(pipeline, step, state, localized)
+            self._merge(pipeline, step, state)
         self._finder.see(step, idle=state is None or state.name == m.StateName.IDLE)
         self._last_step = step
 
     def _driven(self, stamp: int) -> Uncertain | None:
         """The vehicle's motion since the last frame by its wheels, if they tell."""
         wheels = self._wheels.fresh()
+        self._wheels_stamp = None if wheels is None else wheels.stamp
         seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
         return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)
 
@@ -173,7 +185,8 @@ class Estimator(Generic[Frame, Live, Submap]):
         if localizer is None:
             return None
         localizer.move(step)
-        self._submaps.want(localizer.wanted())
+        ahead = [] if self._joint is None else self._joint.wanted(localizer)
+        self._submaps.want([*localizer.wanted(), *ahead])
         if state.name == names.PAUSED:
             return None
         with self._service.stage("localize"):
@@ -182,6 +195,7 @@ class Estimator(Generic[Frame, Live, Submap]):
             self._last_success = time.monotonic()
             self._anchor_at(localizer.trunk_and_leaf())
             self._joined = self._anchor if state.name == names.TEACH_METRIC_LOCALIZE else None
+            self._join(localizer, step)
         self._publish_localization(step, state, localizer, result)
         return localizer.branch_and_leaf() if result.success else None
 
@@ -204,19 +218,65 @@ class Estimator(Generic[Frame, Live, Submap]):
             if route is None or route.message.id != state.route:
                 return
             vertices, path = route.message.vertices, route.message.path
-        if self._localizer is not None and self._localizing is not None and self._localizing[0] == state.route != "":
-            # The same route with another target: a resume after a pause, during which the chain went on.
+        if self._localizer is not None and self._goes_on(self._localizer, state, vertices, path):
             localizer = self._localizer
         else:
+            self._leave(self._localizer, state)
             route_map: RouteMap[Live, Submap] = RouteMap(
                 vertices, path, pipeline, self._submaps.get, settings.experiences
             )
             localizer = self._sensor.localizer(route_map, path, pipeline)
             self._experiences.load(state.environment, vertices, path, localizer.use)
+        self._joint = self._joint_after(state, pipeline)
         if not localizer.chain.localized:
             localizer.start(state.position if state.name == m.StateName.REPEAT_FOLLOW else state.target)
             self._last_success = time.monotonic()
         self._localizer, self._localizing = localizer, wish
+
+    def _goes_on(
+        self, localizer: RouteLocalizer[Live, Submap], state: m.State, vertices: list[VertexId], path: Array
+    ) -> bool:
+        """Whether the localizer serves the new wish as well."""
+        if self._localizing is not None and self._localizing[0] == state.route != "":
+            # The same route with another target: a resume after a pause, during which the chain went on.
+            return True
+        if state.name != m.StateName.REPEAT_FOLLOW or not localizer.extend(vertices, path):
+            return False
+        self._experiences.load(state.environment, vertices, path, localizer.use)
+        return True
+
+    def _leave(self, localizer: RouteLocalizer[Live, Submap] | None, state: m.State) -> None:
+        """Remembers the end of a route that is left for the next map of its plan."""
+        self._behind = None
+        if localizer is None or self._joint is None or state.target is None:
+            return
+        if localizer.metric and localizer.chain.localized and state.target.map_id == self._joint.next_map:
+            last = localizer.map.vertices[-1]
+            self._behind = JointBehind(last, localizer.T_end_leaf(), self._settings.joints)
+
+    def _joint_after(self, state: m.State, pipeline: Pipeline[Live, Submap]) -> JointSearch[Live, Submap] | None:
+        """A search for the map that comes after the route, if its plan goes on; the present one goes on as well."""
+        received = self._routes.last()
+        route = None if received is None else received.message
+        if route is None or route.id != state.route or route.next_map is None:
+            return None
+        last = route.vertices[-1]
+        if self._joint is not None and (self._joint.last, self._joint.next_map) == (last, route.next_map):
+            return self._joint
+        return JointSearch(last, route.next_map, pipeline, self._submaps.get, self._settings.joints)
+
+    def _join(self, localizer: RouteLocalizer[Live, Submap], step: Step[Live]) -> None:
+        """Commits the edge by which two maps of a plan are found to meet."""
+        edge = None
+        if self._behind is not None:
+            edge = self._behind.edge(*localizer.trunk_and_leaf())
+            self._behind = None
+        elif self._joint is not None and localizer.metric:
+            with self._service.stage("joint"):
+                edge = self._joint.look(localizer, step)
+        if edge is not None:
+            log.info("two maps meet", a=str(edge.a), b=str(edge.b))
+            self._committer.put(m.Commit(edges=[edge]))
 
     def _publish_localization(
         self, step: Step[Live], state: m.State, localizer: RouteLocalizer[Live, Submap], result: Localized
@@ -243,6 +303,10 @@ class Estimator(Generic[Frame, Live, Submap]):
             )
         )
 
+        if result.pixels is not None:
+            pixels = result.pixels.astype(np.float32)
+            self._matches.put(m.Matches(stamp=step.stamp, stream=result.stream, success=result.success, pixels=pixels))
+
     def _publish_odometry(self, step: Step[Live]) -> None:
         estimate = Uncertain.identity() if self._anchor is None else self._T_anchor_live.T_reference_live
         self._odometry.put(
@@ -255,6 +319,7 @@ class Estimator(Generic[Frame, Live, Submap]):
                 success=step.success,
                 inliers=step.inliers,
                 reason=step.reason,
+                wheels=self._wheels_stamp,
             )
         )
 
@@ -264,7 +329,8 @@ class Estimator(Generic[Frame, Live, Submap]):
         self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State, localized: Place | None
     ) -> None:
         """Makes vertices while a map is taught, or an experience recorded in a repeat."""
-        teaching, following = state.name == m.StateName.TEACH_BRANCH, state.name == m.StateName.REPEAT_FOLLOW
+        teaching = state.name in (m.StateName.TEACH_BRANCH, m.StateName.TEACH_MERGE)
+        following = state.name == m.StateName.REPEAT_FOLLOW
         if state.map is None or not (teaching or following):
             if self._recorder is not None:
                 self._recorder.move(step)
@@ -281,6 +347,22 @@ class Estimator(Generic[Frame, Live, Submap]):
             self._committer.put(commit)
             if commit.vertex is not None:
                 self._submaps.put(commit.vertex.id, pipeline.read(commit.vertex))
+
+    def _merge(self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State) -> None:
+        """Looks for a loop closure of the map that is being taught, until one is offered."""
+        merging = state.name == m.StateName.TEACH_MERGE and state.candidates and state.closure is None
+        last = None if self._recorder is None else self._recorder.last
+        if not merging or last is None or not step.success:
+            self._closure = None
+            return
+        if self._closure is None or self._closure.candidates != tuple(state.candidates):
+            settings = self._settings.closures
+            self._closure = ClosureSearch(state.candidates, pipeline, self._submaps.get, settings)
+        self._submaps.want(list(state.candidates))
+        with self._service.stage("merge"):
+            found = self._closure.look(last, step)
+        if found is not None:
+            self._closures.put(found)
 
     def _recorder_for(
         self, pipeline: Pipeline[Live, Submap], step: Step[Live], record: m.MapRecord

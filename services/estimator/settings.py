@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from services.estimator.bearing.settings import BearingSettings
 from services.estimator.chain import ChainSettings
 from services.estimator.experiences import ExperienceSettings
+from services.estimator.joints import JointSettings
 from services.estimator.lidar.settings import LidarSettings
+from services.estimator.merging import ClosureSettings
 from services.estimator.relocalization import RelocalizationSettings
 from services.estimator.route_localizer import WindowSettings
 from services.estimator.stereo.settings import StereoSettings
@@ -28,6 +30,8 @@ class Settings:
         window: submaps that are fetched and searched.
         experiences: which recorded experiences are joined to the route's map.
         relocalization: how a robot that knows nothing of its place is found.
+        joints: how the next map of a plan is looked for at a route's end.
+        closures: when a loop closure is offered while a map is taught.
         wheels: how far wheel odometry is believed.
     """
 
@@ -40,4 +44,6 @@ class Settings:
     window: WindowSettings = field(default_factory=WindowSettings)
     experiences: ExperienceSettings = field(default_factory=ExperienceSettings)
     relocalization: RelocalizationSettings = field(default_factory=RelocalizationSettings)
+    joints: JointSettings = field(default_factory=JointSettings)
+    closures: ClosureSettings = field(default_factory=ClosureSettings)
     wheels: WheelSettings = field(default_factory=WheelSettings)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Groups = NDArray[np.int64]
 
 _MOST = 20_000
 """Most samples that an analysis works on; more are averaged within equal bins of time."""
@@ -75,30 +77,45 @@ def bins_of(hours: Array, count: int) -> NDArray[np.int64]:
     return np.minimum(((hours - first) * scale).astype(np.int64), count - 1)
 
 
-def likeness(matrix: Matrix) -> Matrix:
+def compared(groups: Groups) -> Mask:
+    """(n, n) which maps are compared: those of one group (n,), and none with itself."""
+    mask: Mask = groups[:, None] == groups
+    np.fill_diagonal(mask, val=False)
+    return mask
+
+
+def likeness(matrix: Matrix, groups: Groups | None = None) -> Matrix:
     """How alike maps are (n, n), on a scale on which the softmax and its sharpness beta do not matter.
 
     Of rows that went through (3.5) the logarithm is taken, which gives back what went in, up to beta and a constant a
     row. What a map has in common with all others (a dark image, a rich one) is no rhythm: the means of rows and columns
-    are taken off. The diagonal, of no interest, is zero, and the rest has variance 1, or is zero where all is alike.
+    are taken off. What is not compared, the diagonal above all, is zero, and the rest has variance 1, or is zero where
+    all is alike. Only maps of one of the ``groups`` (n,) are compared, all of them where there are none.
     """
     values = np.array(matrix, dtype=np.float64)
-    if is_softmax(values):
+    if groups is None and is_softmax(values):
         values = np.log(np.maximum(values, np.finfo(np.float64).tiny))
-    values = centred(values)
-    deviation = float(np.std(values[~np.eye(len(values), dtype=bool)]))
+    mask = compared(_one_group(len(values)) if groups is None else groups)
+    values = centred(values, mask)
+    deviation = float(np.std(values[mask])) if mask.any() else 0.0
     scale = float(np.abs(matrix).max())
     return values / deviation if deviation > 1e-9 * scale else np.zeros_like(values)
 
 
-def centred(matrix: Matrix) -> Matrix:
-    """A matrix (n, n) without the means of its rows and columns, the diagonal left out and zero."""
-    values, off = np.array(matrix), ~np.eye(len(matrix), dtype=bool)
+def centred(matrix: Matrix, mask: Mask) -> Matrix:
+    """A matrix (n, n) without the means of its rows and columns, where it is compared, and zero elsewhere."""
+    values: Matrix = np.where(mask, matrix, 0.0)
+    counts = np.maximum(1, mask.sum(axis=0))
     for _ in range(_CENTRINGS):
         for axis in (0, 1):
-            values -= np.mean(values, axis=axis, where=off, keepdims=True)
-    values[~off] = 0.0
+            means = values.sum(axis=axis) / counts
+            values -= np.expand_dims(means, axis)
+            values *= mask
     return values
+
+
+def _one_group(count: int) -> Groups:
+    return np.zeros(count, dtype=np.int64)
 
 
 def evenly(count: int) -> NDArray[np.int64]:
@@ -112,13 +129,22 @@ def is_softmax(matrix: Matrix) -> bool:
 
 
 class Pairs:
-    """All pairs of n maps, as a series over the time between the two: ``(s_i - s_j, A_ij)`` for all i other than j."""
+    """All pairs of n maps, as a series over the time between the two: ``(s_i - s_j, A_ij)`` for all i other than j.
 
-    def __init__(self, hours: Array) -> None:
-        """``hours`` (n,) are the times at which the maps were recorded."""
-        self._off = ~np.eye(len(hours), dtype=bool)
+    Attributes:
+        hours: (n,) when they were recorded.
+        groups: (n,) the group of each; only maps of one group make a pair.
+        mask: (n, n) which do.
+        lags: (n, n) the time between two.
+    """
+
+    def __init__(self, hours: Array, groups: Groups | None = None) -> None:
+        """Of maps recorded at ``hours`` (n,), all in one group where none are given."""
+        self.hours = hours
+        self.groups = _one_group(len(hours)) if groups is None else groups
+        self.mask = compared(self.groups)
         self.lags = hours[:, None] - hours
-        lags = self.lags[self._off]
+        lags = self.lags[self.mask]
         self._order = np.argsort(lags, kind="stable") if len(lags) <= _MOST else None
         self._bins = bins_of(lags, _MOST)
         self._count = np.bincount(self._bins, minlength=_MOST)
@@ -134,7 +160,7 @@ class Pairs:
 
     def values(self, matrix: Matrix) -> Array:
         """(N,) the values alone."""
-        values: Array = matrix[self._off]
+        values: Array = matrix[self.mask]
         return self._averaged(values) if self._order is None else values[self._order]
 
     def _averaged(self, values: Array) -> Array:

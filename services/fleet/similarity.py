@@ -27,6 +27,14 @@ def even_shares(count: int, wanted: int = ALONG) -> list[int]:
     return sorted({round(k) for k in np.linspace(0, count - 1, min(count, wanted))})
 
 
+def partners(one: int, other: int) -> list[tuple[int, int]]:
+    """Which images of two maps with so many are compared: each of the one that has fewer, at the same share."""
+    shorter, longer = sorted((one, other))
+    at = np.rint(np.linspace(0, longer - 1, shorter)).astype(int).tolist() if shorter > 1 else [0]
+    pairs = list(enumerate(at))
+    return pairs if one <= other else [(b, a) for a, b in pairs]
+
+
 @dataclass(frozen=True, slots=True)
 class Comparer:
     """Compares maps by images along them."""
@@ -47,10 +55,8 @@ class Comparer:
         Raises:
             ImageError: images cannot be compared with each other.
         """
-        shorter, longer = sorted((one, other), key=len)
-        partners = np.rint(np.linspace(0, len(longer) - 1, len(shorter))).astype(int) if len(shorter) > 1 else [0]
-        pairs = zip(shorter, (longer[k] for k in partners), strict=True)
-        return float(np.mean([self.registrar.register(a, b).score for a, b in pairs]))
+        pairs = partners(len(one), len(other))
+        return float(np.mean([self.registrar.register(one[i], other[j]).score for i, j in pairs]))
 
     def row(self, new: Sequence[Prepared], others: Sequence[Sequence[Prepared]]) -> Array:
         """(n + 1,) the similarities of a new map to n others, and to itself last: all that the matrix needs for it."""

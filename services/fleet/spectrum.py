@@ -14,7 +14,7 @@ from services.fleet import calendar, confusion, false_alarm, few, many, maps, tr
 from services.fleet.fit import Fit, detrended, joint
 from services.fleet.many import Found
 from services.fleet.periodogram import Grid, Periodogram
-from services.fleet.series import Matrix, Pairs, Series, likeness
+from services.fleet.series import Groups, Matrix, Pairs, Series, likeness
 
 Array = NDArray[np.float64]
 
@@ -86,24 +86,25 @@ def of_series(hours: Array, values: Array, settings: Settings = Settings()) -> S
     return _result(series, grid, found, len(hours), origin, what, settings)[0]
 
 
-def of_maps(hours: Array, matrix: Matrix, settings: Settings = Settings()) -> Spectrum:
+def of_maps(hours: Array, matrix: Matrix, settings: Settings = Settings(), groups: Groups | None = None) -> Spectrum:
     """The rhythms of an environment of maps recorded at ``hours`` (n,), any order, from their similarities (n, n).
 
-    The matrix holds likelihoods (3.4), or rows that went through (3.5).
+    The matrix holds likelihoods (3.4), or rows that went through (3.5). Maps of different ``groups`` (n,), those of
+    different routes, were not compared with each other: their places in the matrix are not looked at.
     """
     what = f"{len(hours)} map{'' if len(hours) == 1 else 's'}"
-    alike = likeness(matrix) if len(hours) > 1 else np.zeros((1, 1))
+    alike = likeness(matrix, groups) if len(hours) > 1 else np.zeros((1, 1))
     lack = _lack(hours, alike, len(hours), _LEAST_MAPS, what, settings)
     if lack:
         return Spectrum(reason=lack)
     order = np.argsort(hours, kind="stable")
     hours, alike = hours[order], alike[np.ix_(order, order)]
-    pairs = Pairs(hours)
+    pairs = Pairs(hours, None if groups is None else groups[order])
     series = _with_nuisance(pairs.series(alike))
     grid = _grid(series, settings)
-    found = maps.find(series, pairs, hours, alike, grid, settings.level, np.random.default_rng(settings.seed))
+    found = maps.find(series, pairs, alike, grid, settings.level, np.random.default_rng(settings.seed))
     result, waves, swing = _result(series, grid, found, len(hours), 0.0, what, settings)
-    return dataclasses.replace(result, trend_per_hour=trend.rate(hours, alike - waves(pairs.lags), swing))
+    return dataclasses.replace(result, trend_per_hour=trend.rate(pairs, alike, waves, swing))
 
 
 def _lack(hours: Array, values: Array, count: int, least: int, what: str, settings: Settings) -> str:

@@ -46,6 +46,11 @@ def read(db: sqlite3.Connection, vertex: int) -> dict[str, bytes]:
     return dict(db.execute("SELECT stream, descriptors FROM appearances WHERE vertex = ?", (vertex,)).fetchall())
 
 
+def unpacked(blob: bytes) -> Descriptors:
+    """Stored descriptors (N, 32) again."""
+    return np.frombuffer(blob, dtype=np.uint8).reshape(-1, _WIDTH)
+
+
 def page(db: sqlite3.Connection, query: AppearanceQuery, maps: list[tuple[int, MapRecord]]) -> Appearances:
     """The next page of an environment's vertices; ``maps`` are its maps with their numbers in the store."""
     rows: list[_Row] = []

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import sqlite3
 import zlib
 
 from common import wire
 from common.errors import GraphError
-from common.messages import Commit, EdgeRecord, GraphQuery, MapRecord, NamePlace, VertexRecord
-from services.mapstore import appearance
+from common.messages import Commit, GraphQuery, MapRecord, NamePlace, VertexRecord
+from services.mapstore import appearance, edges
 from services.mapstore.queries import RECORD_COLUMNS, StoredMap, find_map, find_vertex
 
 
@@ -20,13 +19,13 @@ def apply(db: sqlite3.Connection, commit: Commit) -> None:
         GraphError: a part contradicts what is stored, or hangs in the air; the transaction must be rolled back.
     """
     if commit.map is not None:
-        _add_map(db, commit.map)
+        add_map(db, commit.map)
     if commit.vertex is not None:
-        _add_vertex(db, commit.vertex)
+        add_vertex(db, commit.vertex, find_map(db, commit.vertex.id.map_id))
     for edge in commit.edges:
-        _add_edge(db, edge)
+        edges.add(db, edge)
     if commit.finished is not None:
-        db.execute("UPDATE maps SET finished = 1 WHERE number = ? AND NOT finished", find_map(db, commit.finished)[:1])
+        _finish(db, commit.finished)
 
 
 def name_place(db: sqlite3.Connection, place: NamePlace) -> None:
@@ -46,49 +45,54 @@ def name_place(db: sqlite3.Connection, place: NamePlace) -> None:
 
 
 def remove_map(db: sqlite3.Connection, query: GraphQuery) -> str:
-    """Removes a map, and with it the edges by which others are joined to it, and its places; says what went.
+    """Removes a map and its places; says what went. The edges between it and other maps wait for it to come back.
 
     Raises:
         GraphError: the query names no map, or vertices, or an unknown map, or one of another environment.
     """
     if query.map is None or query.vertices:
         raise GraphError("name the one map that shall be removed")
-    stored = find_map(db, query.map)
+    stored = find_map(db, query.map, arriving=True)
     if query.environment not in {None, stored.environment}:
         raise GraphError(f"map {query.map} belongs to environment '{stored.environment}', not '{query.environment}'")
-    own = "(SELECT number FROM vertices WHERE map = ?1)"
-    (edges,) = db.execute(
-        f"SELECT count(*) FROM edges WHERE (a IN {own}) != (b IN {own})",  # noqa: S608, constants
-        (stored.number,),
-    ).fetchone()
     names = [
         row[0]
         for row in db.execute(
-            f"SELECT name FROM places WHERE vertex IN {own} ORDER BY name",  # noqa: S608, constants
+            "SELECT name FROM places WHERE vertex IN (SELECT number FROM vertices WHERE map = ?) ORDER BY name",
             (stored.number,),
         )
     ]
+    joints = edges.send_away(db, stored.number, query.map)
     db.execute("DELETE FROM maps WHERE number = ?", (stored.number,))
     places = f", and its places {', '.join(names)}" if names else ""
-    return f"removed map {query.map}: {stored.vertices} vertices, {edges} edges to other maps{places}"
+    return f"removed map {query.map}: {stored.vertices} vertices, {joints} edges to other maps{places}"
 
 
-def _add_map(db: sqlite3.Connection, record: MapRecord) -> None:
+def add_map(db: sqlite3.Connection, record: MapRecord, *, arriving: bool = False) -> None:
+    """Adds a map that is not stored yet; an arriving one is not seen by those who do not ask for it.
+
+    Raises:
+        GraphError: another map has its id.
+    """
     values = tuple(getattr(record, column) for column in RECORD_COLUMNS)
     names = ", ".join(RECORD_COLUMNS)
     stored = db.execute(f"SELECT {names} FROM maps WHERE id = ?", (record.id,)).fetchone()  # noqa: S608, constants
     if stored is None:
         marks = ", ".join("?" * len(values))
-        db.execute(f"INSERT INTO maps ({names}) VALUES ({marks})", values)  # noqa: S608, constants
+        db.execute(f"INSERT INTO maps ({names}, arriving) VALUES ({marks}, ?)", (*values, arriving))  # noqa: S608, constants
     elif stored != values:
         raise GraphError(f"map {record.id} is stored already with another record")
 
 
-def _add_vertex(db: sqlite3.Connection, vertex: VertexRecord) -> None:
-    stored = find_map(db, vertex.id.map_id)
+def add_vertex(db: sqlite3.Connection, vertex: VertexRecord, stored: StoredMap) -> None:
+    """Adds the next vertex of a map.
+
+    Raises:
+        GraphError: it is stored with other content, it is not the next, or the map is finished.
+    """
     content = _content(vertex)
     if vertex.id.index < stored.vertices:
-        _require_same_vertex(db, vertex, content)
+        _require_same_vertex(db, vertex, stored, content)
         return
     if stored.finished:
         raise GraphError(f"vertex {vertex.id} cannot be added: its map is finished")
@@ -110,42 +114,18 @@ def _content(vertex: VertexRecord) -> bytes:
     return bytes(wire.encode(vertex.keyframe.model_copy(update={"appearance": {}})))
 
 
-def _require_same_vertex(db: sqlite3.Connection, vertex: VertexRecord, content: bytes) -> None:
-    number, _ = find_vertex(db, vertex.id)
-    stored = db.execute(
-        "SELECT stamp, content FROM vertices JOIN keyframes ON vertex = number WHERE number = ?", (number,)
+def _finish(db: sqlite3.Connection, map_id: str) -> None:
+    number = find_map(db, map_id).number
+    if db.execute("UPDATE maps SET finished = 1 WHERE number = ? AND NOT finished", (number,)).rowcount:
+        edges.join(db, map_id)
+
+
+def _require_same_vertex(db: sqlite3.Connection, vertex: VertexRecord, of: StoredMap, content: bytes) -> None:
+    row = db.execute(
+        "SELECT number, vertices.stamp, content FROM vertices JOIN keyframes ON vertex = number "
+        "WHERE map = ? AND position = ?",
+        (of.number, vertex.id.index),
     ).fetchone()
     looks = {stream: descriptors.tobytes() for stream, descriptors in vertex.keyframe.appearance.items()}
-    if stored != (vertex.stamp, content) or appearance.read(db, number) != looks:
+    if row is None or row[1:] != (vertex.stamp, content) or appearance.read(db, row[0]) != looks:
         raise GraphError(f"vertex {vertex.id} is stored already with other content")
-
-
-def _add_edge(db: sqlite3.Connection, edge: EdgeRecord) -> None:
-    (a, map_a), (b, map_b) = find_vertex(db, edge.a), find_vertex(db, edge.b)
-    values = (a, b, edge.kind == "spatial", edge.T_a_b.tobytes(), edge.covariance.tobytes())
-    stored = db.execute(
-        "SELECT a, b, spatial, T_a_b, covariance FROM edges WHERE (a = ?1 AND b = ?2) OR (a = ?2 AND b = ?1)", (a, b)
-    ).fetchone()
-    if stored == values:
-        return
-    if stored is not None:
-        raise GraphError(f"{edge.a} and {edge.b} are joined already by another edge")
-    _require_joinable(edge, map_a, map_b)
-    if edge.kind == "temporal":
-        length = math.hypot(*edge.T_a_b[:3, 3].tolist())
-        db.execute("UPDATE maps SET length = length + ? WHERE number = ?", (length, map_a.number))
-    db.execute("INSERT INTO edges (a, b, spatial, T_a_b, covariance) VALUES (?, ?, ?, ?, ?)", values)
-
-
-def _require_joinable(edge: EdgeRecord, map_a: StoredMap, map_b: StoredMap) -> None:
-    """Refuses an edge that its kind, or its ends, do not allow. Spatial edges may come to finished maps at any time."""
-    if edge.a == edge.b:
-        raise GraphError(f"an edge cannot join {edge.a} to itself")
-    if map_a.environment != map_b.environment:
-        raise GraphError(f"{edge.a} and {edge.b} are in two environments, and no edge can join them")
-    if edge.kind == "spatial":
-        return
-    if map_a.number != map_b.number or abs(edge.a.index - edge.b.index) != 1:
-        raise GraphError(f"{edge.a} and {edge.b} do not follow each other: no temporal edge can join them")
-    if map_a.finished:
-        raise GraphError(f"the edge from {edge.a} to {edge.b} cannot be added: its map is finished")

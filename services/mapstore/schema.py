@@ -90,9 +90,62 @@ MIGRATIONS: tuple[Migration, ...] = (
         WHERE found IS NOT NULL
         """,
     ),
+    (
+        # Sharing. A map that arrives from the fleet is seen by nobody before it is whole. `sealed`: its ends are told.
+        "ALTER TABLE maps ADD COLUMN start_place TEXT",
+        "ALTER TABLE maps ADD COLUMN end_place TEXT",
+        "ALTER TABLE maps ADD COLUMN sealed INTEGER NOT NULL DEFAULT 0",
+        "ALTER TABLE maps ADD COLUMN sync TEXT NOT NULL DEFAULT 'Local'",
+        "ALTER TABLE maps ADD COLUMN sync_reason TEXT NOT NULL DEFAULT ''",
+        "ALTER TABLE maps ADD COLUMN used INTEGER NOT NULL DEFAULT 0",
+        "ALTER TABLE maps ADD COLUMN arriving INTEGER NOT NULL DEFAULT 0",
+        # Spatial edges to vertices of maps that are not here; they join when the other map comes.
+        """
+        CREATE TABLE waiting_edges (
+            a_map TEXT NOT NULL,
+            a_position INTEGER NOT NULL,
+            b_map TEXT NOT NULL,
+            b_position INTEGER NOT NULL,
+            T_a_b BLOB NOT NULL,
+            covariance BLOB NOT NULL,
+            PRIMARY KEY (a_map, a_position, b_map, b_position)
+        ) WITHOUT ROWID
+        """,
+        "CREATE INDEX waiting_edges_by_b ON waiting_edges (b_map)",
+        # What repeats have to tell the fleet, until it is told.
+        "CREATE TABLE reports (id TEXT PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID",
+    ),
+    (
+        # Whether the edge is part of the archive of the map of its end a, or b: it is if it was there at the sealing.
+        # Before this version it was part of that of the younger one.
+        "ALTER TABLE edges ADD COLUMN in_a INTEGER NOT NULL DEFAULT 1",
+        "ALTER TABLE edges ADD COLUMN in_b INTEGER NOT NULL DEFAULT 1",
+        "ALTER TABLE waiting_edges ADD COLUMN in_a INTEGER NOT NULL DEFAULT 1",
+        "ALTER TABLE waiting_edges ADD COLUMN in_b INTEGER NOT NULL DEFAULT 1",
+        """
+        UPDATE edges SET (in_a, in_b) = (
+            SELECT ma.id >= mb.id, mb.id >= ma.id FROM vertices va, vertices vb, maps ma, maps mb
+            WHERE va.number = a AND vb.number = b AND ma.number = va.map AND mb.number = vb.map
+        )
+        """,
+        "UPDATE waiting_edges SET in_a = a_map >= b_map, in_b = b_map >= a_map",
+    ),
+    (
+        # Where the operator allows a lower speed (m/s) only, or none at all.
+        """
+        CREATE TABLE restrictions (
+            map INTEGER NOT NULL REFERENCES maps ON DELETE CASCADE,
+            first INTEGER NOT NULL,
+            last INTEGER NOT NULL,
+            speed REAL NOT NULL,
+            reason TEXT NOT NULL,
+            PRIMARY KEY (map, first)
+        ) WITHOUT ROWID
+        """,
+    ),
 )
 
-GRAPH_TABLES = ("maps", "vertices", "edges", "places")
+GRAPH_TABLES = ("maps", "vertices", "edges", "places", "waiting_edges", "reports", "restrictions")
 """The tables that are checked whenever a store is opened. A keyframe has a checksum, and is checked when it is read."""
 
 
@@ -106,7 +159,7 @@ def migrate(db: sqlite3.Connection, migrations: Sequence[Migration] = MIGRATIONS
         StoreError: the store is newer than this program, or the file is another program's database.
     """
     db.create_function("appearance_of", 2, of_old_keyframe, deterministic=True)
-    found = version = _version(db)
+    found = version = version_of(db)
     if version > len(migrations):
         raise StoreError(
             f"the map store is of schema version {version} and this program knows {len(migrations)}: update the program"
@@ -115,7 +168,7 @@ def migrate(db: sqlite3.Connection, migrations: Sequence[Migration] = MIGRATIONS
         db.execute("BEGIN IMMEDIATE")
         try:
             # Another process may have taken this step while the lock was awaited.
-            if (version := _version(db)) < len(migrations):
+            if (version := version_of(db)) < len(migrations):
                 for statement in migrations[version]:
                     db.execute(statement)
                 version += 1
@@ -129,8 +182,12 @@ def migrate(db: sqlite3.Connection, migrations: Sequence[Migration] = MIGRATIONS
     return found
 
 
-def _version(db: sqlite3.Connection) -> int:
-    """The version of a store's schema, 0 of an empty file."""
+def version_of(db: sqlite3.Connection) -> int:
+    """The version of a store's schema, 0 of an empty file.
+
+    Raises:
+        StoreError: the file is another program's database.
+    """
     application, version, objects = (
         int(db.execute(question).fetchone()[0])
         for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")

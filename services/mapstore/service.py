@@ -13,10 +13,14 @@ from common import topics
 from common.messages import Message
 from common.service import Service
 from services.mapstore.errors import StoreError
+from services.mapstore.fleet_link import Announce, refuse_sync, run_sync
 from services.mapstore.settings import Settings
 from services.mapstore.store import Store
+from services.mapstore.sync.engine import Syncer
 
 _CHECKPOINT_PERIOD_S = 0.5
+_TO_SHARE = {topics.ENDS, topics.REPORT}
+"""What makes something ready to be shared."""
 
 log = structlog.get_logger()
 
@@ -84,22 +88,47 @@ def main(service: Service) -> None:
         topics.APPEARANCE: Store.appearances,
         topics.REMOVE: Store.remove,
         topics.NAME_PLACE: Store.name_place,
+        topics.RESTRICT: Store.restrict,
+        topics.ENDS: Store.ends,
+        topics.REPORT: Store.report,
     }
+    syncer = _syncer(service, keeper, settings)
     for topic, answer in answers.items():
-        service.bus.serve(topic, _handler(service, keeper, topic, answer))
+        noticed = syncer.notice if syncer is not None and topic in _TO_SHARE else None
+        service.bus.serve(topic, _handler(service, keeper, topic, answer, noticed))
+    if syncer is None:
+        refuse_sync(service)
+    else:
+        run_sync(service, syncer)
     service.ready()
     while not service.stop.wait(_CHECKPOINT_PERIOD_S):
         keeper.tidy()
     keeper.close()
 
 
+def _syncer(service: Service, keeper: Keeper, settings: Settings) -> Syncer | None:
+    if not settings.sync.endpoint:
+        return None
+    base = service.config.path.absolute().parent
+    folder = service.config.directory / "sync"
+    announce = Announce(service)
+    return Syncer(keeper.store, settings.sync, service.config.robot.name, folder, base, announce, service.stop)
+
+
 def _handler(
-    service: Service, keeper: Keeper, topic: topics.Topic, answer: Callable[[Store, Any], Message]
+    service: Service,
+    keeper: Keeper,
+    topic: topics.Topic,
+    answer: Callable[[Store, Any], Message],
+    noticed: Callable[[], None] | None,
 ) -> Callable[[Any], Message]:
     stage = topic.key.rpartition("/")[2]
 
     def handle(question: Message) -> Message:
         with service.stage(stage):
-            return answer(keeper.store(), question)
+            told = answer(keeper.store(), question)
+        if noticed is not None:
+            noticed()
+        return told
 
     return handle

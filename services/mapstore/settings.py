@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from pydantic import Field
+
+from services.mapstore.sync.settings import SyncSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +19,7 @@ class Settings:
             below the 2 s after which the asker gives up.
         checkpoint_mb: committed megabytes in the write-ahead log after which they are moved to the store's main file,
             beside the commits. More makes fewer and longer moves, and a larger log.
+        sync: the fleet's storage, see :class:`services.mapstore.sync.settings.SyncSettings`.
         reserve_mb: free megabytes of the disk that new vertices leave. On a disk without any, no map could be finished,
             and none removed, since a removal is written to the log first.
     """
@@ -24,3 +27,4 @@ class Settings:
     lock_timeout_s: Annotated[float, Field(ge=0, le=60)] = 1.0
     checkpoint_mb: Annotated[float, Field(gt=0)] = 4.0
     reserve_mb: Annotated[float, Field(ge=0)] = 64.0
+    sync: SyncSettings = field(default_factory=SyncSettings)

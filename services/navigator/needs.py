@@ -12,6 +12,7 @@ _REPEAT = ("sensors", "estimator", "tracker", "safety")
 PROCESSES: Mapping[StateName, tuple[str, ...]] = {
     StateName.TEACH_METRIC_LOCALIZE: _TEACH,
     StateName.TEACH_BRANCH: _TEACH,
+    StateName.TEACH_MERGE: _TEACH,
     StateName.REPEAT_PLAN: (*_REPEAT, "mapstore", "planner"),
     StateName.REPEAT_METRIC_LOCALIZE: (*_REPEAT, "mapstore"),
     # The submaps ahead are fetched before they are needed, so following goes on for a while without the store.
@@ -21,6 +22,7 @@ PROCESSES: Mapping[StateName, tuple[str, ...]] = {
 
 DATA: Mapping[StateName, tuple[str, ...]] = {
     StateName.TEACH_BRANCH: ("odometry",),
+    StateName.TEACH_MERGE: ("odometry",),
     StateName.REPEAT_FOLLOW: ("odometry", "localization", "tracker/status"),
 }
 """Topics whose silence ends the state. A state that waits for data has a deadline instead."""

@@ -10,8 +10,23 @@ from common import topics
 from common.bus import Bus
 from common.errors import RetraverseError
 from common.ids import VertexId
-from common.messages import GraphQuery, MapList, MapRecord, MapSummary, NamePlace, Relocalization, Relocalize
-from services.navigator.machine import MissionRefused
+from common.messages import (
+    Commit,
+    Done,
+    GraphQuery,
+    MapEnds,
+    MapList,
+    MapRecord,
+    MapSummary,
+    NamePlace,
+    PlanRequest,
+    Relocalization,
+    Relocalize,
+    RepeatReport,
+    Restriction,
+    Route,
+)
+from services.navigator.mission import MissionRefused
 from services.navigator.settings import Settings
 
 _STORE_POLL_S = 0.1
@@ -64,6 +79,28 @@ class Questions:
             self._bus.ask(topics.NAME_PLACE, question, timeout=self._settings.store_s)
         except RetraverseError as error:
             raise MissionRefused(f"the map is stored, but '{place}' could not be named: {error}") from None
+
+    def commit(self, commit: Commit) -> None:
+        """Makes a part of the graph durable."""
+        self._bus.ask(topics.COMMIT, commit, timeout=self._settings.store_s)
+
+    def restrict(self, restriction: Restriction) -> Done:
+        """Has the store keep a restriction; its answer says what holds now."""
+        answer: Done = self._bus.ask(topics.RESTRICT, restriction, timeout=self._settings.store_s)
+        return answer
+
+    def tell_ends(self, ends: MapEnds) -> None:
+        """Tells the store what a finished map leads from and to, after which it may be shared."""
+        self._bus.ask(topics.ENDS, ends, timeout=self._settings.store_s)
+
+    def tell(self, report: RepeatReport) -> None:
+        """Hands the store what a repeat has to tell the fleet."""
+        self._bus.ask(topics.REPORT, report, timeout=self._settings.store_s)
+
+    def route(self, request: PlanRequest) -> Route:
+        """The planner's answer."""
+        answer: Route = self._bus.ask(topics.PLAN, request, timeout=self._settings.plan_s)
+        return answer
 
     def where(self, environment: str) -> Relocalization:
         """Where the estimator finds the robot, of whose place nothing is known."""

@@ -5,24 +5,18 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import structlog
 
 from common import topics
-from common.bus import Subscription
-from common.errors import RetraverseError
-from common.ids import VertexId, new_map_id
+from common.bus import Received, Subscription
+from common.ids import new_map_id
 from common.messages import (
-    Command,
-    Done,
     Localization,
+    LoopClosure,
     MapRecord,
-    MapSummary,
     Odometry,
-    PlanRequest,
-    Route,
     SafetyStatus,
     State,
     StateName,
@@ -30,24 +24,22 @@ from common.messages import (
     now_ns,
 )
 from common.service import Service
-from services.navigator import needs, position
-from services.navigator.machine import Deadlines, Mission, MissionRefused, StateMachine
-from services.navigator.position import Position
-from services.navigator.questions import Questions, check_exists, exists, record_of
+from services.navigator import needs
+from services.navigator.commands import Commands
+from services.navigator.ends import Sealer
+from services.navigator.kept import Kept
+from services.navigator.machine import StateMachine
+from services.navigator.mission import Deadlines, Mission, MissionRefused
+from services.navigator.plans import Plans
+from services.navigator.questions import Questions
+from services.navigator.repeat_log import RepeatLog, Told
 from services.navigator.settings import Settings
 
 _STATE_PERIOD_S = 1.0 / topics.STATE.rate_hz
-_SAVE_PERIOD_S = 1.0
+_SETTLE_S = 0.5
+"""A pause lasts so long at least: the robot stands before it finds itself anew."""
 
 log = structlog.get_logger()
-
-
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """The vertex that a mission starts at; where there is none, why."""
-
-    vertex: VertexId | None
-    remark: str = ""
 
 
 def main(service: Service) -> None:
@@ -58,8 +50,7 @@ def main(service: Service) -> None:
 class Navigator:
     """The state machine on the bus.
 
-    The loop publishes the state and takes the events; commands are answered in a thread of their own. An answer that
-    has to wait, for a plan or for the store, waits there, and only in Repeat.Plan or Idle, where the robot stands.
+    The loop publishes the state and takes the events; commands are answered in threads of their own.
     """
 
     def __init__(self, service: Service) -> None:
@@ -71,9 +62,7 @@ class Navigator:
         self._sensor = service.config.robot.sensor
         self._lock = threading.Lock()
         self._wake = threading.Event()
-        self._path = service.config.directory / "run" / "position.json"
-        self._saved = self._load_position()
-        self._save_due = 0.0
+        self._kept = Kept(service.config.directory / "run")
         self._machine = self._make_machine()
         self._since = now_ns()
         self._published = 0.0
@@ -81,43 +70,60 @@ class Navigator:
         self._odometry: Subscription[Odometry] = self._bus.subscribe(topics.ODOMETRY, wake=self._wake)
         self._localization: Subscription[Localization] = self._bus.subscribe(topics.LOCALIZATION, wake=self._wake)
         self._tracker: Subscription[TrackerStatus] = self._bus.subscribe(topics.TRACKER_STATUS, wake=self._wake)
+        self._closures: Subscription[LoopClosure] = self._bus.subscribe(topics.LOOP_CLOSURE, wake=self._wake)
         self._safety: Subscription[SafetyStatus] = self._bus.subscribe(topics.SAFETY_STATUS, wake=self._wake)
         self._arrivals: dict[str, float] = {}
-        self._route = self._bus.publisher(topics.ROUTE)
+        routes = self._bus.publisher(topics.ROUTE)
         self._state = self._bus.publisher(topics.STATE)
-        self._handlers: dict[str, Callable[[Command], str]] = {
-            "teach": self._teach,
-            "finish": self._finish,
-            "repeat": self._repeat,
-            "pause": self._pause,
-            "resume": self._resume,
-            "cancel": self._cancel,
-            "position": self._stand_at,
-        }
+        self._plans = Plans(self._questions, self._settings, self._changing, routes.put)
+        self._sealer = Sealer(self._questions)
+        self._told = Told(self._questions)
+        self._log = RepeatLog(self._bus.robot, self._plans, self._sealer, self._told)
+        self._commands = Commands(
+            self._questions,
+            self._plans,
+            self._sealer,
+            self._changing,
+            self._check_able,
+            self._environment,
+            self._sensor,
+            self._settings,
+        )
 
     def run(self) -> None:
         """Publishes the state ten times a second and whenever it changes."""
         # Served first: whoever sees a state may command.
-        self._bus.serve(topics.MISSION, self._answer)
+        self._bus.serve(topics.MISSION, self._commands.answer)
+        stop = self._service.stop
+        self._service.thread(lambda: self._plans.run(stop), "plans")
+        self._service.thread(lambda: self._sealer.run(stop), "ends of maps")
+        self._service.thread(lambda: self._told.run(stop), "reports")
         self._service.ready()
         while not self._service.stop.is_set():
             self._wake.wait(max(self._published + _STATE_PERIOD_S - time.monotonic(), 0.0))
             self._wake.clear()
             with self._service.stage("step"), self._changing() as machine:
                 self._take_events(machine, time.monotonic())
-            self._save_position()
+            self._kept.keep_position(self._machine.mission, time.monotonic())
 
     # --- state -------------------------------------------------------------------------------------------------------
 
     def _make_machine(self) -> StateMachine:
-        limits = self._settings
-        where = self._saved
+        limits, where, now = self._settings, self._kept.position, time.monotonic()
         return StateMachine(
             self._environment if where is None else where.environment,
             None if where is None else where.vertex,
-            Deadlines(plan=limits.plan_s + 1.0, localize=limits.localize_s, paused=limits.paused_s),
+            Deadlines(
+                plan=limits.plan_s + 1.0,
+                localize=limits.localize_s,
+                paused=limits.paused_s,
+                recover=limits.recover_s,
+                merge=limits.merge_s,
+                confirm=limits.confirm_s,
+            ),
             self._new_map,
-            time.monotonic(),
+            now,
+            self._kept.unfinished_mission(now),
         )
 
     def _new_map(self, environment: str, repeated: MapRecord | None) -> MapRecord:
@@ -139,9 +145,12 @@ class Navigator:
             before = self._machine.mission
             yield self._machine
             mission = self._machine.mission
+            self._log.see(mission)
             if (mission.name, mission.since) != (before.name, before.since):
                 self._since = now_ns()
                 log.info("state", name=mission.name.value, reason=mission.reason)
+            if mission is not before:
+                self._kept.keep_mission(mission)
             if mission is not before or time.monotonic() >= self._published + _STATE_PERIOD_S:
                 self._publish(mission)
 
@@ -158,9 +167,14 @@ class Navigator:
                 resumes=mission.resumes,
                 map=mission.map,
                 route=mission.route,
+                extends=mission.extends,
                 target=mission.target,
                 position=mission.position,
-                goal=mission.goal,
+                goal=mission.destination,
+                goals=list(mission.goals),
+                pauses_at=mission.pauses_at,
+                candidates=list(mission.candidates),
+                closure=mission.closure,
             )
         )
 
@@ -176,16 +190,46 @@ class Navigator:
             self._arrivals["localization"] = located.arrival
             if located.arrival > machine.mission.since:
                 self._take_localization(machine, now, located.message)
+        if (closure := self._closures.poll()) and closure.arrival > machine.mission.since:
+            machine.offered(now, closure.message)
         if status := self._tracker.poll():
-            self._arrivals["tracker/status"] = status.arrival
-            if status.arrival > machine.mission.since and status.message.finished:
-                machine.arrived(now, status.message.route)
+            self._take_progress(machine, now, status)
         if trouble := self._trouble(machine.mission, now):
-            machine.lost(now, trouble)
+            machine.lost(now, trouble, may_recover=not self._latched())
+        self._recover(machine, now)
         machine.tick(now)
+        if machine.mission.name is StateName.REPEAT_PLAN and not machine.mission.attempt:
+            self._plans.wake()
+
+    def _take_progress(self, machine: StateMachine, now: float, status: Received[TrackerStatus]) -> None:
+        self._arrivals["tracker/status"] = status.arrival
+        message = status.message
+        self._plans.progress(message.remaining)
+        if status.arrival <= machine.mission.since or not message.finished:
+            return
+        if machine.mission.pauses_at is not None or not self._plans.ends_early(message.route):
+            machine.arrived(now, message.route)
+
+    def _recover(self, machine: StateMachine, now: float) -> None:
+        """Goes on with what a pause holds once all that it needs is back; an emergency stop leaves that to a person."""
+        mission = machine.mission
+        if mission.resumes is None or not (mission.recovery or mission.rests):
+            return
+        if self._latched():
+            machine.hold("the emergency stop was latched")
+        elif (
+            mission.recovery
+            and now - mission.since > _SETTLE_S
+            and not needs.missing(mission.resumes, self._presence.alive())
+        ):
+            machine.recovered(now)
 
     def _take_localization(self, machine: StateMachine, now: float, message: Localization) -> None:
         limit = self._settings.localization_s
+        if machine.mission.name is StateName.REPEAT_FOLLOW:
+            self._log.take(message)
+            if record := self._log.next_record(machine.mission, message.trunk, self._new_map):
+                machine.records(record)
         if message.success:
             machine.localized(now, message.route, message.trunk)
         elif machine.mission.name is StateName.REPEAT_FOLLOW and message.seconds_since_success > limit:
@@ -212,151 +256,10 @@ class Navigator:
         alive = self._presence.alive()
         return frozenset(name for name in alive if (self._presence.since(name) or float("inf")) <= since)
 
-    # --- commands ----------------------------------------------------------------------------------------------------
-
-    def _answer(self, command: Command) -> Done:
-        return Done(text=self._handlers[command.action](command))
-
-    def _teach(self, command: Command) -> str:
-        environment = command.environment or self._environment
-        self._check_startable("teach", StateName.TEACH_METRIC_LOCALIZE)
-        start = self._start(command, environment, self._questions.maps(environment))
-        with self._changing() as machine:
-            machine.teach(time.monotonic(), environment, start.vertex, command.start_place)
-            remark = f" ({start.remark})" if start.remark else ""
-            return f"teaching: {machine.mission.reason}{remark}"
-
-    def _finish(self, command: Command) -> str:
-        with self._changing() as machine:
-            taught = machine.finish(time.monotonic())
-        if taught.map is None:  # the table lets a map be finished only where there is one
-            raise MissionRefused("no map was being taught")
-        stored = self._questions.await_finished(taught.map)
-        ends = {command.start_place or taught.start_place: 0, command.end_place: stored.vertices - 1}
-        for place, index in ends.items():
-            if place is not None:
-                self._questions.name_place(taught.environment, place, VertexId(taught.map.id, index))
-        return f"map {taught.map.id} is stored: {stored.vertices} vertices, {stored.length:.1f} m"
-
-    def _repeat(self, command: Command) -> str:
-        environment = command.environment or self._environment
-        self._check_startable("repeat", StateName.REPEAT_PLAN)
-        if not command.goal:
-            raise MissionRefused("a repeat needs a goal: a place, a map, or a vertex as map:index")
-        maps = self._questions.maps(environment)
-        if not any(m.record.generation == 0 for m in maps):
-            raise MissionRefused(f"environment '{environment}' has no map that could be repeated: teach one first")
-        start = self._start(command, environment, maps)
-        if start.vertex is None:
-            raise MissionRefused(
-                f"it is unknown where the robot stands in '{environment}': name its vertex ({start.remark})"
-            )
-        with self._changing() as machine:
-            attempt = machine.repeat(time.monotonic(), environment, start.vertex, command.goal)
-        wanted = self._settings.record_repeats if command.record is None else command.record
-        request = PlanRequest(environment=environment, start=start.vertex, goal=command.goal)
-        return self._plan(attempt, request, maps if wanted else [])
-
-    def _plan(self, attempt: int, request: PlanRequest, recordable: list[MapSummary]) -> str:
-        """Asks for the route and hands it on; the repeat is recorded if its first map is among the recordable ones."""
-        try:
-            route: Route = self._bus.ask(topics.PLAN, request, timeout=self._settings.plan_s)
-        except RetraverseError as error:
-            with self._changing() as machine:
-                machine.not_planned(time.monotonic(), attempt, f"no route to {request.goal}: {error}")
-            raise
-        text = f"{route.length:.1f} m to {request.goal}: {route.reason}"
-        # The route goes first, so that whoever sees the state that names it has it.
-        self._route.put(route)
-        repeated = record_of(route.vertices[0].map_id, recordable)
-        with self._changing() as machine:
-            if not machine.planned(time.monotonic(), attempt, route.id, route.vertices[0], text, repeated):
-                raise MissionRefused(f"the plan came too late: the robot is {machine.mission.doing}")
-        return text
-
-    def _pause(self, _command: Command) -> str:
-        with self._changing() as machine:
-            machine.pause(time.monotonic())
-            return f"the robot is {machine.mission.doing}"
-
-    def _resume(self, _command: Command) -> str:
-        with self._changing() as machine:
-            machine.check("resume")
-            resumes = machine.mission.resumes
-            self._check_present("resume", resumes or StateName.IDLE)
-            machine.resume(time.monotonic())
-            return f"the robot is {machine.mission.doing}"
-
-    def _cancel(self, _command: Command) -> str:
-        with self._changing() as machine:
-            machine.cancel(time.monotonic())
-            return f"the robot is {machine.mission.doing}"
-
-    def _stand_at(self, command: Command) -> str:
-        environment = command.environment or self._environment
-        if (command.vertex is None) != command.find:
-            raise MissionRefused("a position is a vertex, written as map:index, or is to be found by the robot itself")
-        with self._changing() as machine:
-            machine.check("position")
-        vertex, remark = command.vertex, ""
-        if vertex is None:
-            found = self._questions.where(environment)
-            vertex, remark = found.vertex, f": {found.inliers} landmarks agree"
-        check_exists(vertex, self._questions.maps(environment), environment)
-        with self._changing() as machine:
-            machine.stand_at(environment, vertex)
-        return f"the robot stands at {vertex}{remark}"
-
-    # --- what commands ask for ---------------------------------------------------------------------------------------
-
-    def _check_startable(self, command: str, state: StateName) -> None:
-        with self._changing() as machine:
-            machine.check(command)
-        self._check_present(command, state)
-
-    def _check_present(self, command: str, state: StateName) -> None:
+    def _check_able(self, command: str, state: StateName) -> None:
+        """Refuses a command that leads to a state which lacks a process, or that an emergency stop forbids."""
         gone = needs.missing(state, self._presence.alive())
         if gone:
             raise MissionRefused(f"cannot {command} without {needs.listed(gone)}: not running, see vtr ps")
         if self._latched():
             raise MissionRefused(f"cannot {command} while the emergency stop is latched: reset it first")
-
-    def _start(self, command: Command, environment: str, maps: list[MapSummary]) -> _Start:
-        """Where the robot stands: by the operator's word, else as it is known, else as the estimator finds it."""
-        if command.vertex is not None:
-            check_exists(command.vertex, maps, environment)
-            return _Start(command.vertex)
-        mission = self._machine.mission
-        if mission.environment == environment and mission.position is not None and exists(mission.position, maps):
-            return _Start(mission.position)
-        if not maps:
-            return _Start(None)
-        try:
-            found = self._questions.where(environment)
-        except RetraverseError as error:
-            return _Start(None, f"it did not find itself: {error}")
-        log.info("the robot found itself", vertex=str(found.vertex), inliers=found.inliers)
-        return _Start(found.vertex)
-
-    # --- position file -----------------------------------------------------------------------------------------------
-
-    def _load_position(self) -> Position | None:
-        try:
-            return position.load(self._path)
-        except position.PositionUnreadable as error:
-            log.warning(str(error))
-            return None
-
-    def _save_position(self) -> None:
-        """Keeps the position in its file, at most once a second."""
-        now, mission = time.monotonic(), self._machine.mission
-        known = None if mission.position is None else Position(mission.environment, mission.position)
-        if known == self._saved or now < self._save_due:
-            return
-        self._save_due = now + _SAVE_PERIOD_S
-        try:
-            position.save(self._path, known)
-        except OSError as error:
-            log.warning("the position cannot be kept", path=str(self._path), reason=error.strerror)
-        else:
-            self._saved = known

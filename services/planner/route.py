@@ -39,7 +39,9 @@ class Plan:
     reason: str
 
 
-def plan(graph: PoseGraph, start: VertexId, goal: str, sensor: str) -> Plan:
+def plan(
+    graph: PoseGraph, start: VertexId, goal: str, sensor: str, blocked: Callable[[VertexId], bool] | None = None
+) -> Plan:
     """The route of fewest metres over taught vertices, along temporal and spatial edges in either direction.
 
     Maps recorded in a repeat are no part of it: they help to localize on the path that was taught.
@@ -49,6 +51,7 @@ def plan(graph: PoseGraph, start: VertexId, goal: str, sensor: str) -> Plan:
         start: the vertex that the robot stands at.
         goal: a vertex (``map:index``), a map (its last vertex), or a named place.
         sensor: what the robot localizes by: maps that were taught by another are of no use to it.
+        blocked: says of a vertex whether it must not be driven over.
 
     Raises:
         GraphError: nothing is taught, start or goal is unknown or was not taught or by another sensor, the robot is
@@ -63,13 +66,18 @@ def plan(graph: PoseGraph, start: VertexId, goal: str, sensor: str) -> Plan:
         raise GraphError(f"the robot is at '{goal}' already ({end})")
 
     def allowed(vertex: VertexId) -> bool:
+        if blocked is not None and blocked(vertex):
+            return False
         return graph.privileged(vertex) and graph.experience(vertex.map_id).record.sensor == sensor
 
+    if blocked is not None and blocked(end):
+        raise GraphError(f"the goal '{goal}' ({end}) is on a stretch that is blocked")
     try:
         vertices = graph.shortest_path(start, end, allowed)
     except GraphError:
         raise GraphError(
-            f"no taught route leads from {start} to '{goal}' ({end}): {_reachable(graph, start, allowed)}"
+            f"no taught route leads from {start} to '{goal}' ({end})"
+            f"{' past what is blocked' if graph.restrictions else ''}: {_reachable(graph, start, allowed)}"
         ) from None
     _require_direction(graph, vertices)
     length = graph.length_along(vertices)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import secrets
 import time
 
 import structlog
 
 from common import topics
 from common.bus import Bus
+from common.environment import warm_up
 from common.errors import BusError, GraphError
 from common.messages import GraphQuery, PlanRequest, Route
 from common.posegraph import PoseGraph, from_topology
 from common.service import Service
-from services.planner.route import plan
+from services.planner.fleet import Fleet
+from services.planner.memory import Memory
+from services.planner.planning import Planner
 from services.planner.settings import Settings
+
+_LISTEN_S = 1.0
 
 log = structlog.get_logger()
 
@@ -51,30 +55,24 @@ def main(service: Service) -> None:
     """Answers until the service is stopped."""
     settings = service.config.settings("planner", Settings)
     graphs = Graphs(service.bus, settings.store_timeout_s)
+    memory = Memory(service.config.directory / "fleet")
+    sensor = service.config.robot.sensor
+    fleet = Fleet(service.bus, memory, settings, sensor, linked=service.config.bus.fleet is not None)
+    planner = Planner(settings, sensor, memory, fleet)
 
     def answer(request: PlanRequest) -> Route:
         with service.stage("plan"):
+            fleet.listen()
             graph, remark = graphs.get(request.environment)
-            return _route(request, graph, service.config.robot.sensor, remark)
+            try:
+                route = planner.route(request, graph)
+            except GraphError as error:
+                raise GraphError(f"{error}{remark}") from None
+            log.info("planned", goal=route.goal, length=round(route.length, 2), maps=route.plan, reason=route.reason)
+            return route.model_copy(update={"reason": (route.reason + remark)[:2000]})
 
+    warm_up()
     service.bus.serve(topics.PLAN, answer)
     service.ready()
-    service.stop.wait()
-
-
-def _route(request: PlanRequest, graph: PoseGraph, sensor: str, remark: str) -> Route:
-    try:
-        found = plan(graph, request.start, request.goal, sensor)
-    except GraphError as error:
-        raise GraphError(f"{error}{remark}") from None
-    log.info("planned", start=str(request.start), goal=request.goal, length=round(found.length, 2), reason=found.reason)
-    return Route(
-        id=secrets.token_hex(6),
-        environment=request.environment,
-        goal=request.goal,
-        vertices=found.vertices,
-        path=found.path,
-        length=found.length,
-        maps=found.maps,
-        reason=found.reason + remark,
-    )
+    while not service.stop.wait(_LISTEN_S):
+        fleet.listen()

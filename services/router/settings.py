@@ -1,4 +1,4 @@
-"""``[router]``: nothing to set yet beyond ``[bus]``, which the router shares with its clients."""
+"""``[router]``: nothing to set beyond ``[bus]`` and ``[security]``, which the router shares with its clients."""
 
 from __future__ import annotations
 
@@ -7,4 +7,4 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The router listens where ``[bus]`` says."""
+    """The router listens where ``[bus]`` and ``[security]`` say."""

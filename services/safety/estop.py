@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ class LatchStoreError(OSError):
 
 
 class EmergencyStop:
-    """Latched by :meth:`engage` until :meth:`reset`, across restarts.
+    """Latched by :meth:`engage` or :meth:`latch` until :meth:`reset`, across restarts. Safe for threads.
 
     The state is a small file. Where it does not exist nothing was ever latched; where it cannot be read or understood,
     the robot is taken to be stopped, since nobody can say that it is not.
@@ -24,30 +25,57 @@ class EmergencyStop:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._reason = _load(file)
+        self._times = 0
+        self._memory = threading.Lock()
+        self._disk = threading.Lock()
 
     @property
     def reason(self) -> str | None:
         """Why it is latched; None where it is not."""
         return self._reason
 
+    def latch(self, reason: str) -> None:
+        """Latch without waiting for the disk: :meth:`save` is due. The first reason stays until the reset."""
+        with self._memory:
+            self._times += 1
+            if self._reason is None:
+                self._reason = reason
+
+    def save(self) -> None:
+        """Write the file as the latch is now.
+
+        Raises:
+            LatchStoreError: the file could not be written; a latch is held until the process ends.
+        """
+        with self._disk:
+            _save(self._file, self._reason)
+
     def engage(self, reason: str) -> None:
-        """Latch. The first reason stays until the reset.
+        """Latch, at once and on disk.
 
         Raises:
             LatchStoreError: the file could not be written; it is latched until the process ends.
         """
-        if self._reason is None:
-            self._reason = reason
-        _save(self._file, self._reason)
+        self.latch(reason)
+        self.save()
 
-    def reset(self) -> None:
+    def reset(self) -> bool:
         """Release. It starts no motion: see :class:`services.safety.monitor.SafetyMonitor`.
+
+        Returns whether it is released: not where it was latched again meanwhile.
 
         Raises:
             LatchStoreError: the file could not be written; it stays latched.
         """
-        _save(self._file, None)
-        self._reason = None
+        with self._disk:
+            times = self._times
+            _save(self._file, None)
+            with self._memory:
+                if self._times == times:
+                    self._reason = None
+                    return True
+            _save(self._file, self._reason)
+            return False
 
 
 def _load(file: Path) -> str | None:

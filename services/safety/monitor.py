@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from common import topics
+from services.safety.inputs import SafetyInputs, VelocityCommand
+from services.safety.limits import RuleSettings
 from services.safety.ramp import Ramp, RampSettings
-from services.safety.rules import Effect, Reason, RuleSettings, SafetyInputs, VelocityCommand, evaluate
+from services.safety.rules import Effect, Reason, evaluate
 
 
 @dataclass(frozen=True, slots=True)
 class SafetySettings:
-    """Everything safety can be told. ``period`` is that of its loop, seconds."""
+    """Everything safety can be told, in seconds.
+
+    ``period`` is that of its loop; ``base_timeout`` after the last command the base has stopped by itself.
+    """
 
     rules: RuleSettings = field(default_factory=RuleSettings)
     ramp: RampSettings = field(default_factory=RampSettings)
     period: float = 0.02
+    base_timeout: float = topics.SAFE.max_age_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +58,14 @@ class SafetyMonitor:
         return SafetyOutput(v, w, verdict.reasons, verdict.scale)
 
     def _elapsed(self, now: float) -> float:
-        """Seconds since the last cycle; a loop that hung may not make up for it by a jump in speed."""
+        """Seconds since the last cycle; a loop that hung may not make up for it by a jump in speed.
+
+        Where it hung for so long that the base has stopped, the robot starts from rest.
+        """
         elapsed = self._settings.period if self._last is None else now - self._last
         self._last = now
+        if elapsed > self._settings.base_timeout:
+            self._ramp.halt()
         return min(max(elapsed, 0.0), 2.0 * self._settings.period)
 
     def _rearm(self, now: float, inputs: SafetyInputs) -> SafetyInputs:

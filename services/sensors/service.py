@@ -1,4 +1,7 @@
-"""The sensors' topics and loops: the synthetic world's frames, scans, odometry and truth out; ``command/safe`` in."""
+"""The sensors' topics and loops: the synthetic world's frames, scans, odometry and truth out; ``command/safe`` in.
+
+Real cameras and ROS 2 robots have a driver of their own.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from common import messages as m
 from common import topics
 from common.service import Service
 from services.sensors.cameras import CameraDriver
+from services.sensors.ros2.driver import Ros2Driver
 from services.sensors.settings import Settings
 from services.sensors.standing_place import StandingPlace
 from services.sensors.world import BaseState, World
@@ -34,6 +38,9 @@ def main(service: Service) -> None:
         return
     if settings.driver == "cameras":
         CameraDriver(service, settings, quiet=PLAYER).run()
+        return
+    if settings.driver == "ros2":
+        Ros2Driver(service, settings, quiet=PLAYER).run()
         return
     SyntheticDriver(service, settings).run()
 

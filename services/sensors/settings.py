@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from common.camera import Transfer
+from services.sensors.ros2.settings import Ros2Settings
 from services.sensors.world.settings import WorldSettings
 
 Sensor = Literal["stereo", "camera", "lidar"]
@@ -58,27 +59,30 @@ class Settings:
     """What this robot senses with.
 
     Attributes:
-        driver: ``synthetic``, the simulated world with its own robot base; ``cameras``, a real stereo pair; or
-            ``none``, where something else (``vtr play``) publishes the sensors' topics.
+        driver: ``synthetic``, the simulated world with its own robot base; ``cameras``, a real stereo pair;
+            ``ros2``, a ROS 2 robot; or ``none``, where something else (``vtr play``) publishes the sensors' topics.
         simulate: the sensors that the synthetic driver has besides its wheels: a ``stereo`` pair, one ``camera``, which
             is the pair's left one, a spinning ``lidar``. What is not named costs nothing.
         camera: name of the stereo pair, and of the camera, in its topic.
         lidar: name of the lidar in its topic.
-        frame_rate: stereo pairs, or images, a second; the lidar's rate is one of the world's own settings.
-        calibration: file of ``vtr calibrate`` by which the driver ``cameras`` rectifies; a relative path begins at the
-            robot's TOML file.
-        cameras: the devices of the driver ``cameras``.
+        frame_rate: stereo pairs, or images, a second, and of the driver ``ros2`` scans; the synthetic lidar's rate is
+            one of the world's own settings.
+        calibration: file of ``vtr calibrate`` by which the driver ``cameras`` rectifies, and ``ros2`` where its camera
+            infos are not to be used; a relative path begins at the robot's TOML file.
+        cameras: the devices of the driver ``cameras``; colours and transfer curve are those of ``ros2`` too.
+        ros2: the graph of the driver ``ros2``.
         base_rate: steps of the base and samples of wheel odometry a second.
         world: the synthetic world.
     """
 
-    driver: Literal["synthetic", "cameras", "none"] = "synthetic"
+    driver: Literal["synthetic", "cameras", "ros2", "none"] = "synthetic"
     simulate: tuple[Sensor, ...] = ("stereo",)
     camera: str = "front"
     lidar: str = "top"
     frame_rate: float = 10.0
     calibration: Path | None = None
     cameras: CameraSettings = field(default_factory=CameraSettings)
+    ros2: Ros2Settings = field(default_factory=Ros2Settings)
     base_rate: float = 50.0
     world: WorldSettings = field(default_factory=WorldSettings)
 
@@ -86,11 +90,17 @@ class Settings:
         """Refuses rates that are none, and a robot without a sensor.
 
         Raises:
-            ValueError: a rate is not positive, or no sensor is named, or one is twice.
+            ValueError: a rate is not positive, or no sensor is named, or one is twice, or none of ROS.
         """
         for name in ("frame_rate", "base_rate"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"`{name}` is {getattr(self, name)} Hz; it must be positive.")
+        wanted = self.ros2.inputs
+        if self.driver == "ros2" and not (wanted.left or wanted.image or wanted.points):
+            raise ValueError(
+                "The driver 'ros2' needs the topics of what the robot senses with: name left and right, image, or "
+                "points in [sensors.ros2.inputs]."
+            )
         if not self.simulate or len(set(self.simulate)) != len(self.simulate):
             raise ValueError(
                 "`simulate` names one sensor or several, each once; a robot without any has driver 'none'."

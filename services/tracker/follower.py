@@ -6,27 +6,31 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from services.tracker.limits import Drive, Limits
-from services.tracker.mpc import MpcSettings, PathMpc, Reference, State, brake
+from services.tracker.limits import Limits
+from services.tracker.mpc import MpcSettings, PathMpc, State
 from services.tracker.path import Path, PathSettings, Projection, make_path, wrap
-from services.tracker.speed import CautionSettings, caution, speed_profile
+from services.tracker.ramp import approach, brake
+from services.tracker.reference import Profile, make_profiles, roll_out
+from services.tracker.speed import CautionSettings, caution, checked_limits
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Array = NDArray[np.float64]
+    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, slots=True)
 class FollowerSettings:
     """Everything the tracker can be told. Metres, radians, seconds.
 
-    The robot has arrived when it stands within ``tolerance`` of the end of the route, or of a section of it. It does
-    the last bit at ``creep`` (m/s), as no base follows ever smaller speeds. A unicycle whose heading is off by more
-    than ``turn_beyond`` turns on the spot until it is off by less than ``turn_until``. Below ``at_rest`` (m/s and
-    rad/s) it stands.
+    Attributes:
+        limits: what the vehicle may do.
+        path: how a route becomes a path.
+        mpc: the model-predictive controller.
+        caution: when to slow down for poor localization.
+        tolerance: the robot has arrived when it stands this close to the end of the route, or of a section of it.
+        creep: speed of the last bit, m/s, as no base follows ever smaller speeds.
+        turn_beyond: a unicycle whose heading is off by more turns on the spot first, and another vehicle stops.
+        turn_until: and goes on once it is off by less than this.
+        at_rest: below so many m/s and rad/s it stands.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -68,7 +72,7 @@ class _Progress:
     """How far the robot has come on its route: the section driven now, None before the first update."""
 
     path: Path
-    profiles: list[Array]
+    profiles: list[Profile]
     section: int | None = None
     turning: bool = False
     finished: bool = False
@@ -89,15 +93,18 @@ class PathFollower:
         """The path that is followed."""
         return self._progress.path if self._progress else None
 
-    def set_route(self, poses: ArrayLike) -> None:
+    def set_route(self, poses: ArrayLike, speed_limits: ArrayLike = ()) -> None:
         """Follow a route, from the poses (N, 4, 4) of its vertices in any one frame. The last command is kept.
+
+        ``speed_limits`` (N,), m/s, hold on the stretch from each vertex to the next: none, or one for each.
 
         Raises:
             RouteError: there is no vertex, or a pose is no finite rigid transform.
+            LimitError: the speed limits are not as many as the vertices, or one is not positive.
         """
         path = make_path(poses, self._settings.path)
-        profiles = [speed_profile(section.s, section.curvature, self._limits) for section in path.sections]
-        self._progress = _Progress(path, profiles)
+        stretch_limits = checked_limits(speed_limits, len(path.vertices))
+        self._progress = _Progress(path, make_profiles(path, stretch_limits, self._limits))
 
     def reset_command(self, v: float = 0.0, w: float = 0.0) -> None:
         """Say what the robot is really doing, where that is not the last command: while safety holds it, say."""
@@ -187,7 +194,11 @@ class PathFollower:
         if self._must_turn(progress, place.heading):
             self._turn(place.heading, dt)
             return "turning on the spot"
-        reference = self._reference(progress, section, place.s, scale)
+        if abs(place.heading) > self._settings.turn_beyond and not self._limits.turns_on_the_spot:
+            self._brake(dt)
+            return f"stopping, as the robot faces {math.degrees(place.heading):.0f} degrees off and cannot turn there"
+        profile, creep = progress.profiles[section], self._settings.creep
+        reference = roll_out(profile, place.s, abs(self._v), scale, creep, self._limits, self._settings.mpc)
         forwards = (direction * speeds[0], speeds[1], direction * self._v, self._w)
         command = self._mpc.solve(State(place.s, place.lateral, place.heading, *forwards), reference, dt)
         self._v, self._w = direction * command.v, command.w
@@ -197,7 +208,7 @@ class PathFollower:
 
     def _must_turn(self, progress: _Progress, heading_error: float) -> bool:
         """Whether to turn on the spot, with hysteresis; never for a vehicle that cannot."""
-        if self._limits.drive is not Drive.UNICYCLE:
+        if not self._limits.turns_on_the_spot:
             return False
         bound = self._settings.turn_until if progress.turning else self._settings.turn_beyond
         progress.turning = abs(heading_error) > bound
@@ -210,23 +221,8 @@ class PathFollower:
             return
         # Half of the braking acceleration, as the base answers late.
         rate = min(math.sqrt(self._limits.turn_acceleration * abs(heading_error)), self._limits.turn_rate)
-        change = -math.copysign(rate, heading_error) - self._w
-        most = self._limits.turn_acceleration * dt
-        self._w += min(max(change, -most), most)
-
-    def _reference(self, progress: _Progress, section_index: int, s: float, scale: float) -> Reference:
-        """Roll the speed profile out over the horizon, from the present command on."""
-        mpc, limits = self._settings.mpc, self._limits
-        section, profile = progress.path.sections[section_index], progress.profiles[section_index]
-        creep = min(self._settings.creep, limits.speed)
-        at, speed = np.empty(mpc.horizon + 1), np.empty(mpc.horizon + 1)
-        at[0], speed[0] = s, abs(self._v)
-        for k in range(mpc.horizon):
-            allowed = max(scale * float(np.interp(at[k], section.s, profile)), creep)
-            left = max(section.end - at[k], 0.0)
-            speed[k + 1] = min(allowed, speed[k] + limits.acceleration * mpc.step, left / mpc.step)
-            at[k + 1] = min(at[k] + 0.5 * (speed[k] + speed[k + 1]) * mpc.step, max(section.end, s))
-        return Reference(at, speed, np.interp(at, section.s, section.curvature))
+        wanted = 0.0, -math.copysign(rate, heading_error)
+        self._v, self._w = approach((self._v, self._w), wanted, dt, self._limits)
 
     def _stand(self, progress: _Progress, place: Projection, *, standing: bool, dt: float) -> TrackerOutput:
         """Stop, or stay, at the end of the route."""

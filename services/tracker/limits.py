@@ -23,8 +23,14 @@ class Drive(StrEnum):
 class Limits:
     """Bounds on every command: SI units, all positive. They hold alike forwards, backwards, left and right.
 
-    ``curvature`` is the largest ``|w / v|``, 1/m: a must for Ackermann steering, no bound for a unicycle where None.
-    ``lateral_acceleration`` slows the vehicle in curves; it shapes the reference speed and is not a hard bound.
+    Attributes:
+        drive: how the vehicle steers: on the spot too, or only while it moves.
+        speed: m/s.
+        turn_rate: rad/s.
+        acceleration, deceleration: m/s^2.
+        turn_acceleration: rad/s^2.
+        lateral_acceleration: slows the vehicle in curves, m/s^2; it shapes the reference speed and is no hard bound.
+        curvature: largest turn rate by speed, 1/m: a must for Ackermann steering, no bound for a unicycle without it.
     """
 
     drive: Drive = Drive.UNICYCLE
@@ -45,3 +51,8 @@ class Limits:
             raise LimitError("A vehicle with Ackermann steering needs the limit `curvature`.")
         if self.curvature is not None and not 0.0 < self.curvature < float("inf"):
             raise LimitError(f"The limit `curvature` is {self.curvature}; it must be positive and finite, or absent.")
+
+    @property
+    def turns_on_the_spot(self) -> bool:
+        """Whether the vehicle can turn without driving."""
+        return self.drive is Drive.UNICYCLE and self.curvature is None

@@ -1,14 +1,6 @@
 """Model-predictive path following: one sparse quadratic programme a cycle, always of the same shape.
 
-The model is that of a vehicle in the path's own coordinates (e.g. Rajamani, *Vehicle Dynamics and Control*, or
-Kanayama et al., 1990), linearised about the reference: for arclength ``s``, lateral error ``e``, heading error
-``psi``, speed ``v``, turn rate ``w``,
-
-    ds/dt = v (1 + kappa e),    de/dt = v psi,    dpsi/dt = w - kappa v (1 + kappa e),
-
-and the base follows the commanded ``vc`` and ``wc`` with a first-order lag. The inputs are the commands' rates of
-change, so that limits on acceleration are plain bounds. Speeds here are along the direction of travel, hence never
-negative: a robot that drives backwards is one that drives forwards with its heading turned by pi.
+What the vehicle does is in :mod:`services.tracker.model`; here is what it should do, and what it may.
 """
 
 from __future__ import annotations
@@ -22,22 +14,31 @@ import piqp
 from numpy.typing import NDArray
 from scipy import sparse
 
+from services.tracker import model
+from services.tracker.ramp import brake, braking_rate, within
+
 if TYPE_CHECKING:
     from services.tracker.limits import Limits
 
 Array = NDArray[np.float64]
 
-_STATES, _INPUTS = 7, 2
-_S, _E, _PSI, _V, _W, _VC, _WC = range(_STATES)
-_A, _ALPHA = _STATES, _STATES + 1
-_STRIDE = _STATES + _INPUTS
 _ROUNDING = 1e-6
 """A solution may exceed its bounds by the solver's tolerance; by more than this it is not used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What a squared error costs over the horizon. ``last`` multiplies the errors' weights in the last step."""
+    """What a squared error costs over the horizon.
+
+    Attributes:
+        progress: of the distance behind the reference.
+        lateral: of the distance beside the path.
+        heading: of the heading error.
+        speed: of the difference from the reference speed.
+        turn_rate: of the difference from the path's own turn rate.
+        acceleration, turn_acceleration: of each change of a command.
+        last: multiplies the errors' weights in the last step.
+    """
 
     progress: float = 4.0
     lateral: float = 30.0
@@ -51,7 +52,15 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class MpcSettings:
-    """``horizon`` steps of ``step`` seconds; the base's ``lag`` (s); lateral errors count as ``far`` (m) at most."""
+    """Model-predictive control.
+
+    Attributes:
+        horizon: steps that are looked ahead.
+        step: length of one, seconds.
+        lag: of the base, seconds.
+        far: lateral errors count as this at most, metres.
+        weights: what an error costs.
+    """
 
     horizon: int = 20
     step: float = 0.1
@@ -75,11 +84,21 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What to follow, at the ends of the steps: arclength, speed, curvature, each (horizon + 1,), the first one now."""
+    """What to follow, at the ends of the steps: arclength, speed, curvature, each (horizon + 1,), the first one now.
+
+    ``most`` (horizon,) bounds the speed that may be commanded in each step, where the path bounds it. A robot that is
+    faster brakes first.
+    """
 
     s: Array
     v: Array
     curvature: Array
+    most: Array | None = None
+
+    def is_known(self) -> bool:
+        """Whether every number is one, and ``most`` no speed below zero."""
+        finite = np.isfinite([self.s, self.v, self.curvature]).all()
+        return bool(finite and (self.most is None or (self.most >= 0.0).all()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +110,6 @@ class Command:
     problem: str = ""
 
 
-def brake(v: float, w: float, seconds: float, limits: Limits) -> tuple[float, float]:
-    """A command one cycle nearer to rest, on the same arc: ``v / w`` stays, and no limit on acceleration is exceeded.
-
-    ``v`` of either sign. Turning on the spot is slowed by the limit on the turn's acceleration.
-    """
-    keep_v = 1.0 - limits.deceleration * seconds / max(abs(v), 1e-9)
-    keep_w = 1.0 - limits.turn_acceleration * seconds / max(abs(w), 1e-9)
-    keep = max(keep_v, keep_w, 0.0)
-    return v * keep, w * keep
-
-
 class PathMpc:
     """The controller. Set up once; :meth:`solve` only updates numbers.
 
@@ -111,8 +119,9 @@ class PathMpc:
     def __init__(self, limits: Limits, settings: MpcSettings | None = None) -> None:
         self._limits = limits
         self._settings = settings or MpcSettings()
-        self._model = _Equalities(self._settings)
+        self._equalities = model.Equalities(self._settings.horizon, self._settings.step, self._settings.lag)
         self._cost = _diagonal_cost(self._settings)
+        self._high = self._upper_bounds()
         self._solver = self._set_up()
 
     @property
@@ -126,85 +135,84 @@ class PathMpc:
         A last command beyond the limits (they may have been tightened meanwhile) is first brought within them. Where
         no solution is found, the command is one step of :func:`brake`, with the reason.
         """
-        v0, w0 = self._within_limits(state.v_command, state.w_command)
+        limits, settings = self._limits, self._settings
+        v0, w0 = within(max(state.v_command, 0.0), state.w_command, limits)
         start = np.array([state.s, state.lateral, state.heading, state.v, state.w, v0, w0])
-        if not (np.isfinite(start).all() and np.isfinite([reference.s, reference.v, reference.curvature]).all()):
-            return Command(*brake(v0, w0, seconds, self._limits), "the state or the reference is not finite")
-        start[_E] = min(max(state.lateral, -self._settings.far), self._settings.far)
+        if not (np.isfinite(start).all() and reference.is_known()):
+            return Command(*brake(v0, w0, seconds, limits), "the state or the reference is not finite")
+        start[model.E] = min(max(state.lateral, -settings.far), settings.far)
         # Arclength is counted from the robot: hundreds of metres in the numbers cost the solver its precision.
-        start[_S] = 0.0
-        A, b = self._model.fill(start, reference)
-        self._solver.update(c=self._linear_cost(reference, state.s), A=A, b=b)
+        start[model.S] = 0.0
+        A, b = self._equalities.fill(start, reference.v, reference.curvature)
+        most = limits.speed if reference.most is None else reference.most
+        steps = settings.step * np.arange(1, settings.horizon + 1)
+        self._high[:, model.VC] = np.minimum(np.maximum(most, v0 - braking_rate(limits) * steps), limits.speed)
+        self._solver.update(c=self._linear_cost(reference, state.s), A=A, b=b, x_u=self._high.ravel())
         status = self._solver.solve()
         if status != piqp.PIQP_SOLVED:
-            return Command(*brake(v0, w0, seconds, self._limits), f"the controller found no solution ({status.name})")
-        return self._first_command(v0, w0, seconds)
+            return Command(*brake(v0, w0, seconds, limits), f"the controller found no solution ({status.name})")
+        at_most = math.inf if reference.most is None else float(reference.most[0])
+        return self._first_command(v0, w0, seconds, at_most)
 
-    def _first_command(self, v0: float, w0: float, seconds: float) -> Command:
+    def _first_command(self, v0: float, w0: float, seconds: float, most: float) -> Command:
         """The command after ``seconds`` of the solution's first rates.
 
         The bounds are convex, so what holds at both ends of the first step holds between them.
         """
         limits = self._limits
         share = min(seconds, self._settings.step)
-        a, alpha = (float(value) for value in self._solver.result.x[_A : _ALPHA + 1])
+        a, alpha = (float(value) for value in self._solver.result.x[model.A : model.ALPHA + 1])
         a = min(max(a, -limits.deceleration), limits.acceleration)
         alpha = min(max(alpha, -limits.turn_acceleration), limits.turn_acceleration)
         v, w = v0 + a * share, w0 + alpha * share
-        v_in, w_in = self._within_limits(v, w)
+        v_in, w_in = within(max(v, 0.0), w, limits)
         if abs(v - v_in) > 1e3 * _ROUNDING or abs(w - w_in) > 1e3 * _ROUNDING:
             return Command(*brake(v0, w0, seconds, limits), "the controller's solution exceeds its limits")
-        return Command(v_in, w_in)
-
-    def _within_limits(self, v: float, w: float) -> tuple[float, float]:
-        limits = self._limits
-        if not (math.isfinite(v) and math.isfinite(w)):
-            return 0.0, 0.0
-        v = min(max(v, 0.0), limits.speed)
-        bound = limits.turn_rate if limits.curvature is None else min(limits.turn_rate, limits.curvature * v)
-        return v, min(max(w, -bound), bound)
+        # The step is longer than the cycle, but a slower stretch begins with this very command.
+        v_in = min(v_in, max(most, v0 - braking_rate(limits) * share))
+        return Command(*within(v_in, w_in, limits))
 
     def _linear_cost(self, reference: Reference, origin: float) -> Array:
         """``c`` of ``1/2 x'Px + c'x`` for quadratic costs about the reference."""
-        wanted = np.zeros((self._settings.horizon, _STRIDE))
-        wanted[:, _S] = reference.s[1:] - origin
-        wanted[:, _V] = wanted[:, _VC] = reference.v[1:]
-        wanted[:, _W] = wanted[:, _WC] = reference.v[1:] * reference.curvature[1:]
+        wanted = np.zeros((self._settings.horizon, model.STRIDE))
+        wanted[:, model.S] = reference.s[1:] - origin
+        wanted[:, model.V] = wanted[:, model.VC] = reference.v[1:]
+        wanted[:, model.W] = wanted[:, model.WC] = reference.v[1:] * reference.curvature[1:]
         return -self._cost * wanted.ravel()
+
+    def _upper_bounds(self) -> Array:
+        limits = self._limits
+        high = np.full((self._settings.horizon, model.STRIDE), np.inf)
+        high[:, model.VC], high[:, model.WC] = limits.speed, limits.turn_rate
+        high[:, model.A], high[:, model.ALPHA] = limits.acceleration, limits.turn_acceleration
+        return high
 
     def _set_up(self) -> piqp.SparseSolver:
         n, limits = self._settings.horizon, self._limits
-        low = np.full((n, _STRIDE), -np.inf)
-        low[:, _VC], low[:, _WC] = 0.0, -limits.turn_rate
-        low[:, _A], low[:, _ALPHA] = -limits.deceleration, -limits.turn_acceleration
-        high = np.full((n, _STRIDE), np.inf)
-        high[:, _VC], high[:, _WC] = limits.speed, limits.turn_rate
-        high[:, _A], high[:, _ALPHA] = limits.acceleration, limits.turn_acceleration
+        low = np.full((n, model.STRIDE), -np.inf)
+        low[:, model.VC], low[:, model.WC] = 0.0, -limits.turn_rate
+        low[:, model.A], low[:, model.ALPHA] = -limits.deceleration, -limits.turn_acceleration
         solver = piqp.SparseSolver()
         # Checked rather than trusted: commands in m/s and rad/s need no eighth digit, and each iteration costs.
         solver.settings.eps_abs = solver.settings.eps_rel = _ROUNDING
         solver.settings.preconditioner_reuse_on_update = True
-        rest = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        still = np.zeros(n + 1)
-        A, b = self._model.fill(
-            np.array([getattr(rest, name) for name in State.__slots__]), Reference(still, still, still)
-        )
+        A, b = self._equalities.fill(np.zeros(model.STATES), np.zeros(n + 1), np.zeros(n + 1))
         P = sparse.csc_matrix(sparse.diags(self._cost))
-        c = np.zeros(n * _STRIDE)
+        c = np.zeros(n * model.STRIDE)
         G, h = _curvature_rows(n, limits.curvature)
-        solver.setup(P, c, A, b, G, None, h, low.ravel(), high.ravel())
+        solver.setup(P, c, A, b, G, None, h, low.ravel(), self._high.ravel())
         return solver
 
 
 def _diagonal_cost(settings: MpcSettings) -> Array:
     """Diagonal of ``P`` (horizon * stride,): the speeds' weights are shared by the motion and by its command."""
-    weights, step = settings.weights, np.zeros(_STRIDE)
-    step[_S], step[_E], step[_PSI] = weights.progress, weights.lateral, weights.heading
-    step[_V] = step[_VC] = 0.5 * weights.speed
-    step[_W] = step[_WC] = 0.5 * weights.turn_rate
-    step[_A], step[_ALPHA] = weights.acceleration, weights.turn_acceleration
+    weights, step = settings.weights, np.zeros(model.STRIDE)
+    step[model.S], step[model.E], step[model.PSI] = weights.progress, weights.lateral, weights.heading
+    step[model.V] = step[model.VC] = 0.5 * weights.speed
+    step[model.W] = step[model.WC] = 0.5 * weights.turn_rate
+    step[model.A], step[model.ALPHA] = weights.acceleration, weights.turn_acceleration
     cost = np.tile(step, (settings.horizon, 1))
-    cost[-1, : _PSI + 1] *= weights.last
+    cost[-1, : model.PSI + 1] *= weights.last
     return cost.ravel()
 
 
@@ -212,78 +220,6 @@ def _curvature_rows(horizon: int, curvature: float | None) -> tuple[sparse.csc_m
     """``+-wc - curvature * vc <= 0`` at every step; nothing without a bound."""
     if curvature is None:
         return None, None
-    block = np.zeros((2, _STRIDE))
-    block[:, _VC], block[:, _WC] = -curvature, (1.0, -1.0)
+    block = np.zeros((2, model.STRIDE))
+    block[:, model.VC], block[:, model.WC] = -curvature, (1.0, -1.0)
     return sparse.csc_matrix(sparse.kron(sparse.eye(horizon), block)), np.zeros(2 * horizon)
-
-
-class _Equalities:
-    """``A z = b``: the model over the horizon, ``z`` the states and inputs of each step, with a fixed pattern.
-
-    Rows are written as ``after x_{k+1} + before x_k + input u_k = 0`` by the trapezoidal rule, which couples a state to
-    those of the same step, and the lag by its exact response to a ramp.
-    """
-
-    def __init__(self, settings: MpcSettings) -> None:
-        self._n, self._dt = settings.horizon, settings.step
-        self._lag = settings.lag
-        rows, columns = self._pattern()
-        order = np.lexsort((rows, columns))
-        size = (self._n * _STATES, self._n * _STRIDE)
-        self._order = order
-        self._A = sparse.csc_matrix((np.ones(len(order)), (rows, columns)), shape=size)
-        self._A.sort_indices()
-
-    def fill(self, start: Array, reference: Reference) -> tuple[sparse.csc_matrix, Array]:
-        """The matrix and right-hand side for a start (7,) and a reference."""
-        after, before, inputs = self._blocks(reference)
-        values = np.concatenate(
-            [after[:, *_AFTER].ravel(), before[1:][:, *_BEFORE].ravel(), inputs[:, *_INPUT].ravel()]
-        )
-        self._A.data[:] = values[self._order]
-        b = np.zeros(self._n * _STATES)
-        b[:_STATES] = -before[0] @ start
-        return self._A, b
-
-    def _blocks(self, reference: Reference) -> tuple[Array, Array, Array]:
-        """Blocks (n, 7, 7), (n, 7, 7) and (n, 7, 2) of every step."""
-        n, dt = self._n, self._dt
-        v = 0.5 * (reference.v[:-1] + reference.v[1:])
-        kappa = 0.5 * (reference.curvature[:-1] + reference.curvature[1:])
-        after, before = np.zeros((n, _STATES, _STATES)), np.zeros((n, _STATES, _STATES))
-        index = np.arange(_STATES)
-        after[:, index, index] = 1.0
-        before[:, index, index] = -1.0
-        for block in (after, before):
-            block[:, _S, _V] = -0.5 * dt
-            block[:, _S, _E] = -0.5 * dt * kappa * v
-            block[:, _E, _PSI] = -0.5 * dt * v
-            block[:, _PSI, _W] = -0.5 * dt
-            block[:, _PSI, _V] = 0.5 * dt * kappa
-            block[:, _PSI, _E] = 0.5 * dt * kappa * kappa * v
-        keep = math.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
-        mean = self._lag / dt * (1.0 - keep)
-        for motion, command in ((_V, _VC), (_W, _WC)):
-            before[:, motion, motion] = -keep
-            before[:, motion, command] = -(mean - keep)
-            after[:, motion, command] = -(1.0 - mean)
-        inputs = np.zeros((n, _STATES, _INPUTS))
-        inputs[:, _VC, 0] = inputs[:, _WC, 1] = -dt
-        return after, before, inputs
-
-    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column of every stored number, in the order in which :meth:`fill` lists them."""
-        steps = np.arange(self._n)[:, None]
-        after = (steps * _STATES + _AFTER[0], steps * _STRIDE + _AFTER[1])
-        later = steps[1:]
-        before = (later * _STATES + _BEFORE[0], (later - 1) * _STRIDE + _BEFORE[1])
-        inputs = (steps * _STATES + _INPUT[0], steps * _STRIDE + _STATES + _INPUT[1])
-        rows = np.concatenate([part[0].ravel() for part in (after, before, inputs)])
-        columns = np.concatenate([part[1].ravel() for part in (after, before, inputs)])
-        return rows, columns
-
-
-_COUPLED = [(_S, _V), (_S, _E), (_E, _PSI), (_PSI, _W), (_PSI, _V), (_PSI, _E), (_V, _VC), (_W, _WC)]
-_AFTER = tuple(np.array([(i, i) for i in range(_STATES)] + _COUPLED).T)
-_BEFORE = _AFTER
-_INPUT = tuple(np.array([(_VC, 0), (_WC, 1)]).T)

@@ -21,17 +21,23 @@ from services.tracker.smoothing import SmoothingSettings, smooth
 Array = NDArray[np.float64]
 
 
+_FARTHEST = 100.0
+"""Metres from the trunk beyond which a pose is an error: vertices are decimetres apart."""
+
+
 class RouteError(ValueError):
-    """A route that has no vertex, or a pose that is no rigid transform."""
+    """A route that has no vertex, or a pose that is none on it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
     """How a path is made and searched: metres and radians.
 
-    A step shorter than ``still`` tells nothing about the direction of driving; where it turns by more than ``turn``
-    as well, the robot turned on the spot. The robot is looked for no further than ``search`` along the path from the
-    trunk.
+    Attributes:
+        smoothing: how the taught points become a curve.
+        still: a step shorter than this tells nothing about the direction of driving.
+        turn: where so short a step turns by more than this, the robot turned on the spot.
+        search: the robot is looked for no further than this along the path from the trunk.
     """
 
     smoothing: SmoothingSettings = field(default_factory=SmoothingSettings)
@@ -104,13 +110,9 @@ class Path:
         """The robot's x, y (m) and heading (rad) in the developed plane, from its pose (4, 4) in the trunk's frame.
 
         Raises:
-            RouteError: the route has no such vertex, or the pose is no rigid transform.
+            RouteError: the route has no such vertex, or the pose is none near it.
         """
-        if not 0 <= trunk_index < len(self.vertices):
-            raise RouteError(f"The trunk is vertex {trunk_index}, but the route has {len(self.vertices)} vertices.")
-        T = np.asarray(T_trunk_robot, dtype=np.float64)
-        if not is_transform(T, 1e-3):
-            raise RouteError("The robot's pose in the trunk's frame is not a finite rigid transform.")
+        T = pose_at_trunk(trunk_index, T_trunk_robot, len(self.vertices))
         x, y, heading = (float(value) for value in self.vertices[trunk_index])
         c, s = math.cos(heading), math.sin(heading)
         return x + c * T[0, 3] - s * T[1, 3], y + s * T[0, 3] + c * T[1, 3], heading + float(yaw_of(T))
@@ -138,6 +140,23 @@ class Path:
         py = float(np.interp(s, section.s, section.y)) + over * math.sin(taught)
         lateral = (y - py) * math.cos(taught) - (x - px) * math.sin(taught)
         return Projection(s, lateral, wrap(heading - section.robot_heading(s)))
+
+
+def pose_at_trunk(trunk_index: int, T_trunk_robot: ArrayLike, vertices: int) -> Array:
+    """``T_trunk_robot`` (4, 4), if it can be the pose of a robot near a vertex of a route with so many ``vertices``.
+
+    Raises:
+        RouteError: the route has no such vertex, or the pose is no finite rigid transform or far away from it.
+    """
+    if not 0 <= trunk_index < vertices:
+        raise RouteError(f"The trunk is vertex {trunk_index}, but the route has {vertices} vertices.")
+    T = np.asarray(T_trunk_robot, dtype=np.float64)
+    if T.shape != (4, 4) or not is_transform(T, 1e-3):
+        raise RouteError("The robot's pose in the trunk's frame is not a finite rigid transform.")
+    away = float(np.abs(T[:3, 3]).max())
+    if away > _FARTHEST:
+        raise RouteError(f"The robot's pose is {away:.3g} m away from its trunk; it cannot be more than {_FARTHEST:g}.")
+    return T
 
 
 def wrap(angle: float) -> float:

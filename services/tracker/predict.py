@@ -33,12 +33,17 @@ class Twist:
 
 @dataclass(frozen=True, slots=True)
 class BaseModel:
-    """The base acts on a command after ``delay`` (s), then follows it as a first-order lag of ``lag`` (s)."""
+    """How the base follows a command: after a delay, as a first-order lag.
+
+    Attributes:
+        delay: seconds until a command acts.
+        lag: time constant, seconds.
+        history: seconds of twists and commands that are kept.
+    """
 
     delay: float = 0.05
     lag: float = 0.15
     history: float = 2.0
-    """Seconds of twists and commands that are kept."""
 
 
 def arc(v: float, w: float, seconds: float) -> Array:
@@ -118,10 +123,11 @@ class StatePredictor:
     def predict(self, T_a_robot: ArrayLike, stamp: float, now: float) -> tuple[Array, float, float]:
         """The pose (4, 4), speed and turn rate at ``now`` plus the base's delay, from the pose at a frame's ``stamp``.
 
-        Odometry carries the pose up to its last sample, the commands that were sent carry it on from there.
+        Odometry carries the pose up to its last sample, the commands that were sent carry it on from there. Without
+        odometry in the kept ``history`` nothing is known of the motion: the pose stays, at rest.
         """
         end = now + self._model.delay
-        if not self._odometry:
+        if not self._odometry or self._odometry[-1].stamp < now - self._model.history:
             return np.array(T_a_robot, dtype=np.float64), 0.0, 0.0
         last = self._odometry[-1]
         future = respond(last, list(self._commands), end, self._model)

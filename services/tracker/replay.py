@@ -16,18 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from services.tracker.follower import TrackerOutput
-from services.tracker.limits import Drive, Limits
-from services.tracker.mpc import brake
+from services.tracker.limits import Limits
 from services.tracker.path import RouteError
-from services.tracker.speed import CautionSettings, caution
+from services.tracker.ramp import approach, brake
+from services.tracker.speed import CautionSettings, caution, planned_deceleration
 from services.tracker.taught import Action, TaughtWay, action_at
 
 Array = NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0)]
 
-
-_BRAKING = 0.6
-"""Share of the deceleration that the last stretch is planned with; the rest is left for a base that brakes late."""
 
 _NO_ACTION = "stopping, as no taught action is known here"
 
@@ -47,6 +44,7 @@ class ReplaySettings:
         turn_beyond, turn_until: heading offset beyond which a unicycle turns on the spot, and until which; at the start
             it turns in any case.
         at_rest: m/s and rad/s below which the robot stands.
+        look_ahead: seconds before a stretch with a speed limit by which the command keeps to it: the base's lag.
     """
 
     gain: Positive = 1.0
@@ -58,6 +56,7 @@ class ReplaySettings:
     turn_beyond: Positive = 0.8
     turn_until: Positive = 0.05
     at_rest: Positive = 0.03
+    look_ahead: Positive = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +94,16 @@ class ActionReplay:
         self._turning = False
         self._finished = False
 
-    def set_route(self, poses: ArrayLike) -> None:
-        """Follow a route, from the poses (N, 4, 4) of its vertices in any one frame.
+    def set_route(self, poses: ArrayLike, speed_limits: ArrayLike = ()) -> None:
+        """Follow a route, from the poses (N, 4, 4) of its vertices in any one frame, with limits (N,) as the follower.
 
-        A unicycle turns to the taught heading first: what it drives meanwhile would lead it away from the path.
+        A unicycle turns to the taught heading first: what it drives meanwhile would lead it away from the path. The
+        taught speed is lowered to the limits, and the turn rate with it, so that the curve stays the taught one.
+
+        Raises:
+            LimitError: the speed limits are not as many as the vertices, or one is not positive.
         """
-        self._way = TaughtWay(poses)
+        self._way = TaughtWay(poses, speed_limits, planned_deceleration(self._limits))
         self._turning, self._finished = True, False
 
     def reset_command(self, v: float = 0.0, w: float = 0.0) -> None:
@@ -142,19 +145,24 @@ class ActionReplay:
             reason = "at the end" if self._finished else "stopping at the end"
             return self._output(here, remaining, offset_then, reason if arrived or self._finished else _NO_ACTION)
         scale = caution(metres_since_success, seconds_since_success, _along(covariance), self._caution)
-        reason = self._drive(action, offset_then, remaining, scale, dt)
+        # The speed follows its command late: what is in force a lag ahead is what the robot will have.
+        fastest = way.fastest(here + self._settings.look_ahead * abs(motion.v))
+        reason = self._drive(action, offset_then, remaining, (scale, min(way.fastest(here), fastest)), dt)
         return self._output(here, remaining, offset_then, reason)
 
-    def _drive(self, action: Action, offset: float, remaining: float, scale: float, dt: float) -> str:
-        """Sets the next command; returns what it does other than replay."""
-        s, limits = self._settings, self._limits
+    def _drive(self, action: Action, offset: float, remaining: float, bounds: tuple[float, float], dt: float) -> str:
+        """Sets the next command, at a share of the taught speed but no faster than the route allows (``bounds``).
+
+        Returns what it does other than replay.
+        """
+        s, limits, (scale, fastest) = self._settings, self._limits, bounds
         if self._must_turn(offset):
             # Half of the braking acceleration, as the base answers late.
             rate = min(math.sqrt(limits.turn_acceleration * abs(offset)), limits.turn_rate)
             self._approach(0.0, -math.copysign(rate, offset), dt)
             return "turning on the spot to the taught heading"
-        stop = math.sqrt(2.0 * _BRAKING * limits.deceleration * max(remaining - s.tolerance / 2.0, 0.0))
-        speed = min(max(scale * min(abs(action.v), limits.speed), s.creep), max(stop, s.creep / 2.0))
+        stop = math.sqrt(2.0 * planned_deceleration(limits) * max(remaining - s.tolerance / 2.0, 0.0))
+        speed = min(max(scale * min(abs(action.v), limits.speed), s.creep), max(stop, s.creep / 2.0), fastest)
         correction = -s.gain * min(max(offset, -s.largest), s.largest)
         curvature = action.curvature * math.copysign(1.0, action.v)
         turn = speed * (curvature + correction)
@@ -168,20 +176,14 @@ class ActionReplay:
 
     def _must_turn(self, offset: float) -> bool:
         """Whether to turn on the spot, with hysteresis; never for a vehicle that cannot."""
-        if self._limits.drive is not Drive.UNICYCLE:
+        if not self._limits.turns_on_the_spot:
             return False
         bound = self._settings.turn_until if self._turning else self._settings.turn_beyond
         self._turning = abs(offset) > bound
         return self._turning
 
     def _approach(self, v: float, w: float, dt: float) -> None:
-        """Moves the command towards v, w within the limits on acceleration."""
-        limits = self._limits
-        faster = abs(v) > abs(self._v) and v * self._v >= 0.0
-        most = (limits.acceleration if faster else limits.deceleration) * dt
-        self._v += min(max(v - self._v, -most), most)
-        most = limits.turn_acceleration * dt
-        self._w += min(max(w - self._w, -most), most)
+        self._v, self._w = approach((self._v, self._w), (v, w), dt, self._limits)
 
     def _output(self, here: float, remaining: float, offset: float, reason: str) -> TrackerOutput:
         return TrackerOutput(self._v, self._w, 0.0, offset, here, max(remaining, 0.0), self._finished, reason)

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import structlog
 
-from common import topics
+from common import geometry, topics
 from common.bus import Received, Subscription
+from common.geometry import Array
+from common.ids import VertexId
 from common.messages import (
     Localization,
     Odometry,
@@ -71,6 +73,9 @@ class Tracker:
         self._replay = ActionReplay(limits, caution, self._settings.replay)
         self._predictor = StatePredictor(self._settings.base)
         self._followed: Follow | None = None
+        self._driven: Route | None = None
+        self._end: tuple[str, VertexId] | None = None
+        self._last_index = 0
         self._problem = ""
         self._last_command = 0.0
         self._status_due = 0.0
@@ -114,51 +119,89 @@ class Tracker:
             self._report(now, "", None, why)
             return
         localization = self._usable_localization(state)
-        problem = self._prepare(state) or ("" if localization else "no localization on this route arrives")
+        problem = self._prepare(state) or self._end_at(state)
+        if not problem and localization is None:
+            problem = "no localization on this route arrives"
         output: TrackerOutput | None = None
         if localization is not None and not problem:
             try:
                 output = self._follow(now, localization)
             except (ValueError, ArithmeticError) as error:
                 problem = f"this localization cannot be used: {error}"
-        if output is None:
-            self._reset_command()
         self._command(output, 0 if localization is None else localization.message.stamp)
         self._report(now, state.route, output, problem)
 
     def _usable_localization(self, state: State) -> Received[Localization] | None:
         received = self._localization.last()
-        if received is None or received.message.route != state.route:
+        if received is None or received.message.route not in {state.route, state.extends or state.route}:
             return None
         age = time.monotonic() - received.arrival
         return received if age <= topics.LOCALIZATION.max_age_s else None
 
     def _prepare(self, state: State) -> str:
-        """Begins to follow the state's route, once per stay in Repeat.Follow; returns what is in the way."""
+        """Begins to follow the state's route, once per stay in Repeat.Follow; returns what is in the way.
+
+        A stay begins with what the robot does: it may still be coming to rest.
+        """
+        if self._followed is None:
+            self._start_from(*self._present_command())
         follow = Follow(state.route, state.since)
         if self._followed == follow:
             return self._problem
         received = self._route.last()
         if received is None or received.message.id != state.route:
             return f"the route {state.route} has not arrived"
-        self._problem = self._begin(received.message)
+        goes_on = self._followed == Follow(state.extends, state.since)
+        self._problem = self._begin(received.message, goes_on=goes_on)
         self._followed = follow
         if self._problem:
             log.error("a route cannot be followed", route=state.route, reason=self._problem)
         return self._problem
 
-    def _begin(self, route: Route) -> str:
+    def _begin(self, route: Route, *, goes_on: bool) -> str:
+        """Takes a route; one that goes on from the present one changes nothing about how the robot drives now."""
+        before, self._driven = self._driven, route
+        if goes_on and (before is None or not extends(route, before)):
+            return f"the route {route.id} does not begin as the one that it is said to go on from"
         length = float(np.linalg.norm(np.diff(route.path[:, :3, 3], axis=0), axis=1).sum())
         if not length <= self._settings.longest_m:
             return f"the route is {length:.4g} m long; the longest allowed is {self._settings.longest_m:g} m"
+        self._end, self._last_index = None, len(route.vertices) - 1
+        return self._set_path(route)
+
+    def _end_at(self, state: State) -> str:
+        """Ends the way where the robot is to pause, if the state names a vertex; returns what is in the way."""
+        route = self._driven
+        end = None if state.pauses_at is None else (state.route, state.pauses_at)
+        if route is None or end == self._end:
+            return ""
+        self._end = end
+        vertices = route.vertices
+        if state.pauses_at is not None and state.pauses_at in vertices:
+            self._last_index = vertices.index(state.pauses_at)
+        else:
+            self._last_index = len(vertices) - 1
+        return self._set_path(route)
+
+    def _set_path(self, route: Route) -> str:
+        """Follows a route up to the vertex where it is to end; returns why it cannot be followed."""
+        end = self._last_index + 1
+        path, limits = route.path[:end], route.speed_limits[:end]
         try:
             with self._service.stage("route"):
-                self._follower.set_route(route.path)
-                self._replay.set_route(route.path)
+                self._follower.set_route(path, limits)
+                self._replay.set_route(path, limits)
         except (ValueError, ArithmeticError) as error:
             return f"the route cannot be followed: {error}"
-        self._reset_command()
         return ""
+
+    def _place(self, localization: Localization) -> tuple[int, Array, Array]:
+        """The vertex that the robot is at, its pose there and the covariance; none beyond the end of the way."""
+        index, T = localization.trunk_index, localization.T_trunk_robot
+        if self._driven is not None and self._last_index < index < len(self._driven.path):
+            T = geometry.inverse(self._driven.path[self._last_index]) @ self._driven.path[index] @ T
+            index = self._last_index
+        return index, T, localization.covariance
 
     def _follow(self, now: float, received: Received[Localization]) -> TrackerOutput:
         """The command from the last localization, moved forward to when the command will act."""
@@ -168,12 +211,13 @@ class Tracker:
             localization.metres_since_success,
             localization.seconds_since_success + now - received.arrival,
         )
-        dt = min(max(now - self._last_command, 1e-3), _LONGEST_STEP_S)
-        place = localization.trunk_index, localization.T_trunk_robot, localization.covariance
+        dt = self._step(now)
+        index, T, covariance = self._place(localization)
         if localization.actions is not None:
-            return self._replay.update(*place, localization.actions, self._motion(now, received), *since_success, dt)
-        T, v, w = self._predictor.predict(localization.T_trunk_robot, _taken_at(received), now)
-        return self._follower.update(localization.trunk_index, T, localization.covariance, v, w, *since_success, dt)
+            motion = self._motion(now, received)
+            return self._replay.update(index, T, covariance, localization.actions, motion, *since_success, dt)
+        T, v, w = self._predictor.predict(T, _taken_at(received), now)
+        return self._follower.update(index, T, covariance, v, w, *since_success, dt)
 
     def _motion(self, now: float, received: Received[Localization]) -> Motion:
         """What the robot did since the frame of a localization, and will have done when a command acts."""
@@ -182,21 +226,32 @@ class Tracker:
         T_frame_acting, v, w = self._predictor.predict(np.eye(4), taken, now)
         return Motion(T_frame_now, T_frame_acting, v, w)
 
-    def _reset_command(self, v: float = 0.0, w: float = 0.0) -> None:
-        """Both ways to follow a route start from this command."""
+    def _step(self, now: float) -> float:
+        """Seconds since the last command, within reason: after a long wait the next one is still a small step."""
+        return min(max(now - self._last_command, 1e-3), _LONGEST_STEP_S)
+
+    def _present_command(self) -> tuple[float, float]:
+        safe = self._safe.fresh()
+        return (0.0, 0.0) if safe is None else (safe.v, safe.w)
+
+    def _start_from(self, v: float, w: float) -> None:
+        """The next command, by whichever way to follow a route, is one step from this one."""
         self._follower.reset_command(v, w)
         self._replay.reset_command(v, w)
 
     def _yield_to_safety(self) -> None:
         """While safety holds the robot, starts from what it really does, so that no speed builds up unseen."""
-        status, safe = self._safety.fresh(), self._safe.fresh()
-        if status is not None and safe is not None and not status.passing:
-            self._reset_command(safe.v, safe.w)
+        status = self._safety.fresh()
+        if status is not None and not status.passing and self._safe.fresh() is not None:
+            self._start_from(*self._present_command())
 
     # --- out ---------------------------------------------------------------------------------------------------------
 
     def _command(self, output: TrackerOutput | None, frame_stamp: int) -> None:
+        """Sends a command; without an output it is zero, and safety shapes the stop."""
         v, w = (0.0, 0.0) if output is None else (output.v, output.w)
+        if output is None:
+            self._start_from(*self._present_command())
         self._desired.put(VelocityCommand(stamp=now_ns(), v=v, w=w, frame_stamp=frame_stamp))
 
     def _report(self, now: float, route: str, output: TrackerOutput | None, reason: str) -> None:
@@ -218,6 +273,12 @@ class Tracker:
                 reason=reason if output is None else output.reason,
             )
         )
+
+
+def extends(longer: Route, route: Route) -> bool:
+    """Whether a route begins with all of another one, so that a place on that is the same place on it."""
+    known = len(route.vertices)
+    return longer.vertices[:known] == route.vertices and bool(np.allclose(longer.path[:known], route.path, atol=1e-6))
 
 
 def _taken_at(received: Received[Localization] | Received[Odometry]) -> float:

@@ -78,16 +78,18 @@ def _repeated(T: Array, step: Array, count: int) -> list[Array]:
 def true_errors(pose: Array, route: Array) -> tuple[Array, Array]:
     """Metres driven along a densely laid route (M, 4, 4), and the lateral errors (m), of true poses (N, 3); each (N,).
 
-    The place on the route is followed from pose to pose, never jumping where the route crosses itself, so it must not
-    turn back on itself. The error is positive to the left of the robot's taught heading.
+    The place on the route is followed from pose to pose, and never back by more than a little: it jumps neither where
+    the route crosses itself, nor at a cusp to the branch that was driven before. The error is positive to the left of
+    the robot's taught heading.
     """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route[:, :3, 3], axis=0), axis=1))])
-    at, places, lateral = 0, [], []
+    farthest, places, lateral = 0.0, [], []
     for x, y, _ in pose:
-        last = int(np.searchsorted(along, along[at] + 0.5)) + 1
-        first = int(np.searchsorted(along, along[at] - 0.5))
+        last = int(np.searchsorted(along, farthest + 0.5)) + 1
+        first = int(np.searchsorted(along, farthest - 0.1))
         offset = [x, y] - route[first:last, :2, 3]
         at = first + int(np.argmin(np.einsum("ij,ij->i", offset, offset)))
+        farthest = max(farthest, along[at])
         left = route[at, :2, 1]
         places.append(along[at])
         lateral.append(float(left @ ([x, y] - route[at, :2, 3])))

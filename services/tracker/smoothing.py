@@ -19,9 +19,12 @@ _MOST_ROUNDS = 15
 
 @dataclass(frozen=True, slots=True)
 class SmoothingSettings:
-    """``wavelength`` (m): shorter wiggles are taken for noise. ``tolerance`` (m): the curve passes every point closer.
+    """How points become a curve: metres.
 
-    ``spacing`` (m) is the distance between the samples of the curve.
+    Attributes:
+        wavelength: shorter wiggles are taken for noise.
+        tolerance: the curve passes every point closer than this.
+        spacing: distance between the samples of the curve.
     """
 
     wavelength: float = 2.5

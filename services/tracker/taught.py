@@ -9,17 +9,39 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from common.geometry import arclength, inverse, yaw_of
-from services.tracker.path import RouteError, wrap
+from services.tracker.path import pose_at_trunk, wrap
+from services.tracker.speed import braking_bound, checked_limits
 
 
 class TaughtWay:
-    """A route as its wheels knew it: distances ``metres`` (N,) and unwrapped headings ``yaw`` (N,) of its vertices."""
+    """A route as its wheels knew it: distances ``metres`` (N,) and unwrapped headings ``yaw`` (N,) of its vertices.
 
-    def __init__(self, poses: ArrayLike) -> None:
-        """From the poses (N, 4, 4) of the route's vertices in any one frame."""
+    ``limits`` (N,), m/s, hold from each vertex to the next; ``entry`` (N,) are the speeds at which a robot may come to
+    each vertex, so that it keeps to all limits from there on.
+    """
+
+    def __init__(self, poses: ArrayLike, speed_limits: ArrayLike = (), deceleration: float = 0.3) -> None:
+        """From the poses (N, 4, 4) of the route's vertices in any one frame, and one limit a vertex or none.
+
+        ``deceleration`` (m/s^2) is what a robot brakes with towards a lower limit.
+
+        Raises:
+            LimitError: the speed limits are not as many as the vertices, or one is not positive.
+        """
         T = np.asarray(poses, dtype=np.float64)
         self.metres = arclength(T)
         self.yaw = np.concatenate([[0.0], np.cumsum(yaw_of(inverse(T[:-1]) @ T[1:]))])
+        self.limits = checked_limits(speed_limits, len(T))
+        self._deceleration = deceleration
+        self.entry = braking_bound(self.metres, self.limits, deceleration)
+
+    def fastest(self, metres: float) -> float:
+        """The highest speed at a distance along the route that keeps to the limits there and further on, m/s."""
+        at = min(max(int(np.searchsorted(self.metres, metres, side="right")) - 1, 0), len(self.metres) - 1)
+        if at == len(self.metres) - 1:
+            return float(self.limits[at])
+        ahead = max(float(self.metres[at + 1]) - metres, 0.0)
+        return min(float(self.limits[at]), math.sqrt(self.entry[at + 1] ** 2 + 2.0 * self._deceleration * ahead))
 
     @property
     def length(self) -> float:
@@ -30,11 +52,9 @@ class TaughtWay:
         """Metres along the route, and heading offset to the taught heading there, of a robot near its trunk.
 
         Raises:
-            RouteError: the route has no such vertex.
+            RouteError: the route has no such vertex, or the pose is none near it.
         """
-        if not 0 <= trunk_index < len(self.metres):
-            raise RouteError(f"The trunk is vertex {trunk_index}, but the route has {len(self.metres)} vertices.")
-        T = np.asarray(T_trunk_robot, dtype=np.float64)
+        T = pose_at_trunk(trunk_index, T_trunk_robot, len(self.metres))
         metres = float(self.metres[trunk_index] + T[0, 3])
         return metres, wrap(float(yaw_of(T)) - self._turn(float(self.metres[trunk_index]), metres))
 

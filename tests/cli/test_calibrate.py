@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from cli import robot
 from services.sensors.calibration import file
 from services.sensors.calibration.simulation import BoardRenderer, simulated_poses, simulated_rig
+from services.sensors.settings import Settings
 from tests.services.sensors.video import write_video
 
 BOARD = ("--board", "7x5", "--square", "0.04", "--marker", "0.03")
@@ -50,8 +52,28 @@ def test_a_new_calibration_keeps_the_mounting(vtr, folder, tmp_path):
     out = vtr("calibrate", folder, *BOARD).out
     assert "10 pairs used" in out
     assert "no partner: left extra" in out
-    assert "measure where" not in out
+    assert "where is the camera" not in out
     assert file.load(tmp_path / "calibration.toml").mounting == mounting
+
+
+def test_the_robot_uses_it_where_it_is_named(vtr, folder, tmp_path, write_config):
+    """Its file gets the driver, the calibration and nothing else; a wrong one is refused before anything is written."""
+    config = write_config("[sensors] # what it sees with\nframe_rate = 12.0 # enough\n")
+    result = vtr("calibrate", folder, *BOARD, "-o", "cameras/c.toml", "--config", config)
+    assert "no folder" in result.sentence
+    assert "driver" not in config.read_text()
+    (tmp_path / "cameras").mkdir()
+    assert "names it" in vtr("calibrate", folder, *BOARD, "-o", "cameras/c.toml", "--config", config).out
+    text = config.read_text()
+    assert "frame_rate = 12.0 # enough" in text
+    assert "[sensors] # what it sees with" in text
+    settings = robot.load(config).settings("sensors", Settings)
+    assert (settings.driver, str(settings.calibration), settings.frame_rate) == ("cameras", "cameras/c.toml", 12.0)
+    robot.check(robot.load(config))
+    config.write_text(text.replace("frame_rate", "frame_rat"))
+    (tmp_path / "cameras" / "c.toml").unlink()
+    assert "frame_rat" in vtr("calibrate", folder, *BOARD, "-o", "cameras/c.toml", "--config", config).sentence
+    assert not (tmp_path / "cameras" / "c.toml").exists()
 
 
 def test_what_is_no_calibration_is_not_overwritten(vtr, folder, tmp_path):

@@ -1,18 +1,36 @@
 """The command line as a person meets it: help, exit codes, and one sentence for whatever is wrong."""
 
 import json
+import re
 import socket
 import subprocess
 import sys
 
 import pytest
-import typer
 
-from cli.app import app
+from cli.app import command_line
 from cli.commands import mission
 
-GROUP = typer.main.get_command(app)
+GROUP = command_line()
 NAMES = sorted(GROUP.commands)
+OFFLINE = {("odometry",), ("localize",), ("replay-diff",), ("leave-one-out",), ("calibrate", "stereo")}
+"""Commands whose --config is only where settings come from."""
+
+ASKS_A_PERSON = {("drive",)}
+MORE = {("position",): ["--find"], ("merge",): ["--confirm"], ("maps", "pull"): ["--all"], ("maps", "rm"): ["--yes"]}
+"""What such a command needs beside its required arguments."""
+
+
+def _has_config(command):
+    return any("--config" in one.opts for one in command.params)
+
+
+def _example(parameter):
+    """A value that a required parameter takes."""
+    value = "1.0" if parameter.name == "speed" else "some"
+    return [value] if parameter.param_type_name == "argument" else [parameter.opts[0], value]
+
+
 CLIENTS = (
     ("state",),
     ("teach",),
@@ -31,17 +49,96 @@ CLIENTS = (
 )
 
 
-def _paths():
-    for name in NAMES:
-        nested = getattr(GROUP.commands[name], "commands", None)
-        yield from [(name, inner) for inner in sorted(nested)] if nested else [(name,)]
+def _commands(command=GROUP, path=()):
+    """Every command by its words."""
+    nested = getattr(command, "commands", None)
+    if nested is None:
+        return {path: command}
+    return {found: one for name in sorted(nested) for found, one in _commands(nested[name], (*path, name)).items()}
 
 
-@pytest.mark.parametrize("path", list(_paths()), ids=" ".join)
+COMMANDS = _commands()
+EVERY = pytest.mark.parametrize("path", list(COMMANDS), ids=" ".join)
+
+
+@EVERY
 def test_every_command_has_help_and_json(vtr, path):
     result = vtr(*path, "--help")
     assert result.code == 0
     assert "--json" in result.out
+
+
+@EVERY
+def test_every_command_is_described_in_one_sentence_that_begins_with_a_verb(path):
+    described = " ".join(COMMANDS[path].help.split())
+    assert re.fullmatch(r"[A-Z][a-z]+,? .*[^.][.]", described), described
+    assert ". " not in described
+    assert described.split()[0] not in {"The", "A", "An", "This", "It"}
+
+
+@EVERY
+def test_every_command_says_of_an_option_that_it_does_not_have_that_it_has_none(vtr, path):
+    result = vtr(*path, "--nonsense")
+    assert result.code == 2
+    assert "--nonsense" in result.sentence
+    assert result.out == ""
+
+
+@EVERY
+def test_every_option_has_a_help_text(path):
+    assert [one.name for one in COMMANDS[path].params if not getattr(one, "help", None)] == []
+
+
+@pytest.mark.parametrize(
+    "path", [path for path, one in COMMANDS.items() if path not in OFFLINE and _has_config(one)], ids=" ".join
+)
+def test_every_command_of_a_robot_names_the_file_that_it_cannot_read(vtr, path, tmp_path):
+    missing = tmp_path / "missing.toml"
+    needed = [value for one in COMMANDS[path].params if one.required for value in _example(one)]
+    result = vtr(*path, *needed, *MORE.get(path, ()), "--config", missing)
+    assert result.code != 0
+    assert ("missing.toml" if path not in ASKS_A_PERSON else "terminal") in (
+        result.sentence if not result.out else result.out
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("align", "nothing.png", "nowhere.png"), "nothing.png"),
+        (("align", "--pairs", "nothing.csv"), "nothing.csv"),
+        (("calibrate", "nothing"), "nothing"),
+        (("calibrate", "--print-board", "board.png", "--board", "7by5"), "7by5"),
+        (("chaos", "--runs", "0"), "--runs"),
+        (("chaos", "--only", "earthquake"), "earthquake"),
+        (("soak", "--minutes", "0"), "--minutes"),
+        (("demo", "--robots", "9"), "--robots"),
+        (("demo", "--teach-time", "25:00"), "25:00"),
+        (("leave-one-out", "--first", "noon"), "noon"),
+        (("odometry", "nothing"), "nothing"),
+        (("localize", "nothing"), "nothing"),
+        (("play", "nothing", "--info"), "nothing"),
+        (("replay-diff", "nothing"), "nothing"),
+        (("env", "cost", "--env", "nothing.json"), "nothing.json"),
+        (("env", "spectrum", "--series", "nothing.csv"), "nothing.csv"),
+        (("env", "similarity", "nothing"), "nothing"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_offline_commands_name_what_they_cannot_use(vtr, arguments, word):
+    for more in ((), ("--json",)):
+        result = vtr(*arguments, *more)
+        assert result.code in (1, 2)
+        assert word in result.sentence
+        assert result.out == ""
+
+
+def test_flags_show_no_type_in_the_help(vtr):
+    assert "<bool>" not in vtr("repeat", "--help").out + vtr("--help").out
+
+
+def test_the_version_is_that_of_the_distribution(vtr):
+    assert vtr("--version").out.startswith("vtr 0")
 
 
 def test_vtr_alone_lists_the_commands(vtr):
@@ -154,8 +251,9 @@ def test_a_pipeline_that_is_not_there_is_named_with_those_that_are(vtr, tmp_path
     assert result.sentence == "Invalid value for '--pipeline': 'sonar' is not one of 'stereo', 'lidar'."
 
 
-def test_down_needs_a_running_robot(vtr, write_config):
-    result = vtr("down", write_config())
+@pytest.mark.parametrize("option", [(), ("--config",)], ids=["argument", "option"])
+def test_down_needs_a_running_robot(vtr, write_config, option):
+    result = vtr("down", *option, write_config())
     assert result.code == 1
     assert "not running" in result.sentence
 
@@ -199,6 +297,14 @@ def test_doctor_fails_on_a_wrong_configuration_and_says_which_check(vtr, write_c
     assert report["ok"] is False
     assert verdicts["configuration"] == "fail"
     assert "configuration" in result.sentence
+
+
+def test_doctor_finds_the_pages_port_in_use(vtr, write_config):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        tables = f"[console]\nport = {other.getsockname()[1]}\n"
+        result = vtr("doctor", "--config", write_config(tables), "--json")
+    (page,) = (check for check in json.loads(result.out)["checks"] if check["name"] == "page")
+    assert (page["verdict"], "another program" in page["text"]) == ("fail", True)
 
 
 def test_doctor_finds_a_port_that_somebody_else_uses(vtr, write_config):

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import pytest
 
 from cli.daylight import Times, daylight_hours, times
-from cli.demo.story import write_config
+from cli.demo.configuration import write_config
 from cli.errors import CommandError
 from common import config
 from services.sensors.settings import Settings

@@ -3,8 +3,8 @@
 import pytest
 
 from cli import robot
+from cli.demo.configuration import write_config
 from cli.demo.sensor import Sensor
-from cli.demo.story import write_config
 
 
 @pytest.mark.parametrize(("sensor", "simulated"), [("stereo", "stereo"), ("lidar", "lidar"), ("bearing", "camera")])

@@ -53,3 +53,10 @@ def test_the_human_drives_the_whole_path_and_stops_at_its_end():
     assert command is None
     assert np.linalg.norm(T[:2, 3] - path[-1, :2]) < 0.15
     assert farthest < 0.15
+
+
+def test_a_drive_that_begins_on_the_way_is_compared_with_that_part_of_the_path():
+    taught = circle(count=401)
+    errors = path_errors(taught, taught[250:300])
+    assert np.abs(errors.lateral).max() < 1e-9
+    assert errors.arclength[0] == pytest.approx(2 * np.pi * 10.0 * 250 / 400, abs=0.1)

@@ -102,6 +102,7 @@ def test_recorded_repeats_are_neither_the_live_drive_nor_the_taught_one():
     assert many.recorded(3, 0) == [1, 2, 4, 5, 6, 7]
 
 
+@pytest.mark.long
 def test_two_drives_are_localized_on_each_other(vtr, tmp_path):
     out = tmp_path / "out"
     result = vtr(
@@ -123,7 +124,7 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path):
         eventually(lambda: len(psutil.Process(process.pid).children()) >= 3, "its processes are there", 60.0)
         children = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20.0)
+        _, said = process.communicate(timeout=60.0)
     finally:
         process.kill()
     assert process.returncode == 130

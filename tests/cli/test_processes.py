@@ -14,7 +14,7 @@ from common.messages import StateName
 def test_names_are_unique_and_found():
     assert [named(process.name) for process in ROBOT] == list(ROBOT)
     with pytest.raises(KeyError):
-        named("console")
+        named("nobody")
 
 
 @pytest.mark.parametrize("process", ROBOT, ids=lambda process: process.name)

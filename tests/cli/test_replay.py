@@ -9,14 +9,26 @@ import subprocess
 import sys
 import time
 
+import cv2
 import numpy as np
 import pytest
 
 from cli.replay import compare, run
+from cli.replay.inputs import inputs
 from common import topics
 from common.geometry import exp
 from common.ids import new_map_id
-from common.messages import CameraModel, MapRecord, Odometry, State, StateName, StereoFrame, WheelOdometry, now_ns
+from common.messages import (
+    CameraFrame,
+    CameraModel,
+    MapRecord,
+    Odometry,
+    State,
+    StateName,
+    StereoFrame,
+    WheelOdometry,
+    now_ns,
+)
 from services.sensors.recordings.mcap import McapWriter, open_mcap
 from services.sensors.recordings.mcap.writer import Origin
 from services.sensors.recordings.timeline import Entry
@@ -104,6 +116,62 @@ def test_the_same_frames_give_the_same_poses_offline(recorded):
     assert sum(e.message.success for e in live) >= FRAMES - 1
     assert len({e.message.vertex for e in live}) > 4, "vertices were made on the way"
     assert compare.compare(live, replayed, 1e-9).agree
+
+
+def test_with_bundle_adjustment_a_replay_is_the_same_each_time(recorded, tmp_path):
+    """What the adjustment says is taken up at the same frames, whatever the machine's load."""
+    settings = tmp_path / "with.toml"
+    settings.write_text(recorded.configuration().replace("enabled = false", "enabled = true"), encoding="utf-8")
+    with run.recorded_configuration(recorded, settings) as configuration:
+        runs = [run.replay(recorded, configuration, None, lambda: None) for _ in range(2)]
+    assert len(runs[0]) == FRAMES
+    assert compare.compare(*runs, 0.0).agree
+    assert not compare.compare(again(recorded), runs[0], 1e-6).agree, "the adjustment does something"
+
+
+def test_a_replay_by_bearing_is_the_same_each_time(tmp_path):
+    """A camera of which nothing is known passes a wall while a map is taught."""
+    wall = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (120, 640), np.uint8), (0, 0), 2)
+    configuration = f'[robot]\nname = "r1"\nsensor = "bearing"\ndirectory = "{tmp_path}"\n'
+    record = MapRecord(id=new_map_id("r1", SECOND), environment="default", stamp=1, robot="r1", sensor="bearing")
+    sensors = Origin("sensors", "a")
+    with McapWriter(tmp_path / "bag", "r1", 10**9, configuration) as writer:
+        for n in range(20):
+            at = SECOND * 100 + n * SECOND // 10
+            state = State(stamp=at, name=StateName.TEACH_BRANCH, environment="default", since=1, reason="", map=record)
+            writer.write(topics.STATE, "state", state, Origin("navigator", "a"), n, at)
+            wheels = WheelOdometry(stamp=at, v=SPEED, w=0.0)
+            writer.write(topics.WHEEL_ODOMETRY, "sensor/odometry", wheels, sensors, n, at + 1)
+            frame = CameraFrame(stamp=at, image=np.ascontiguousarray(wall[:, 8 * n : 8 * n + 320]))
+            writer.write(topics.CAMERA, "sensor/camera/front", frame, sensors, n, at + 2)
+    recording = open_mcap(tmp_path / "bag")
+    runs = again(recording), again(recording)
+    driven = [entry.message for entry in runs[0] if entry.topic is topics.ODOMETRY]
+    assert len(driven) == 20
+    assert len({message.vertex for message in driven}) > 2
+    assert compare.compare(*runs, 0.0).agree
+
+
+def test_a_frame_is_replayed_with_the_wheels_report_that_it_was_taken_with(tmp_path):
+    """Whatever order the recorder heard them in; a frame whose report was stale has none now."""
+    sensors, estimator, zeros = Origin("sensors", "a"), Origin("estimator", "b"), np.zeros((6, 6))
+    with McapWriter(tmp_path, "r1", 10**9) as writer:
+        for n, taken in enumerate((None, SECOND + 7, None)):
+            at = SECOND * (n + 1)
+            frame = CameraFrame(stamp=at, image=np.zeros((32, 32), np.uint8))
+            writer.write(topics.CAMERA, "sensor/camera/front", frame, sensors, n, at)
+            wheels = WheelOdometry(stamp=at + 7, v=float(n), w=0.0)
+            writer.write(topics.WHEEL_ODOMETRY, "sensor/odometry", wheels, sensors, n, at + SECOND // 2)
+            said = Odometry(
+                stamp=at, vertex=None, T_vertex_robot=np.eye(4), covariance=zeros, twist=zeros[0], success=True,
+                inliers=9, wheels=taken,
+            )  # fmt: skip
+            writer.write(topics.ODOMETRY, "odometry", said, estimator, n, at + SECOND // 4)
+    given = list(inputs(open_mcap(tmp_path), "sensor/camera/front", lambda: None))
+    assert [entry.key for entry in given] == ["sensor/odometry", "sensor/camera/front"] * 3
+    fresh = [given[k + 1].time_ns - given[k].time_ns < SECOND // 10 for k in (0, 2, 4)]
+    assert fresh == [False, True, False]
+    assert given[2].message.stamp == SECOND + 7
 
 
 def test_replay_diff_says_that_they_agree(vtr, recorded, tmp_path):

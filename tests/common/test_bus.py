@@ -10,7 +10,7 @@ from common import topics, wire
 from common.bus import Bus
 from common.bus.envelope import Envelope, Source
 from common.errors import BusError, GraphError, MalformedMessage, NoAnswer, NoRouter, Refused
-from common.messages import Command, Done, GraphQuery, State, StateName, VelocityCommand
+from common.messages import Command, Done, Goal, GraphQuery, State, StateName, VelocityCommand
 from common.topics import Delivery
 from tests import fuzz
 from tests.processes import Robot, eventually, free_port
@@ -187,17 +187,17 @@ def test_no_random_sample_is_received(connect, stranger, topic):
 
 def test_a_question_is_answered_or_refused_with_the_answerers_sentence(connect):
     def handle(question: Command) -> Done:
-        if question.goal == "nowhere":
+        if question.goal.to == "nowhere":
             raise GraphError("there is no place 'nowhere'")
-        if question.goal == "bug":
+        if question.goal.to == "bug":
             raise ZeroDivisionError
-        return Done(text=question.goal)
+        return Done(text=question.goal.to)
 
     server, asker = connect("navigator"), connect("operator")
     server.serve(topics.MISSION, handle)
 
     def ask(goal):
-        return asker.ask(topics.MISSION, Command(action="repeat", goal=goal), timeout=WAIT_S)
+        return asker.ask(topics.MISSION, Command(action="repeat", goal=Goal(to=goal)), timeout=WAIT_S)
 
     def answered():
         try:
@@ -293,11 +293,34 @@ def test_a_process_is_present_while_any_of_its_lives_is(robot, connect):
     assert "planner" in presence
 
 
+def test_a_life_is_known_while_its_session_is_open_on_this_robot_alone(robot, connect):
+    lives = connect("observer").lives()
+    tracker = connect("tracker")
+    eventually(lambda: tracker.source in lives, "the life is known")
+    assert Source("r1", "tracker", "another") not in lives
+    tracker.close()
+    eventually(lambda: tracker.source not in lives, "the life is over")
+    with Bus("r2", "tracker", robot.endpoint, shared_memory=False) as stranger:
+        after = connect("tracker")
+        eventually(lambda: after.source in lives, "a later life is known")
+        assert stranger.source not in lives
+
+
+def test_lives_are_known_again_when_the_router_was_killed_and_is_back(tmp_path):
+    with Robot(tmp_path) as robot:
+        tracker, lives = robot.bus("tracker"), robot.bus("safety").lives()
+        eventually(lambda: tracker.source in lives, "the life is known")
+        robot.kill("router")
+        eventually(lambda: tracker.source not in lives, "nobody is known")
+        robot.start("router")
+        eventually(lambda: tracker.source in lives, "the life is known again")
+
+
 def test_all_flows_again_when_the_router_was_killed_and_is_back(tmp_path):
     with Robot(tmp_path) as robot:
         sender, receiver = robot.bus("navigator"), robot.bus("safety")
         states = receiver.subscribe(topics.STATE)
-        sender.serve(topics.MISSION, lambda question: Done(text=question.goal))
+        sender.serve(topics.MISSION, lambda question: Done(text=question.goal.to))
         frames, desired = receiver.subscribe(topics.DESIRED), robot.bus("tracker").publisher(topics.DESIRED)
         publisher, presence = sender.publisher(topics.STATE), receiver.presence()
         sender.present()
@@ -320,7 +343,7 @@ def test_all_flows_again_when_the_router_was_killed_and_is_back(tmp_path):
 
 def _ask(bus: Bus, goal: str) -> Done | None:
     try:
-        return bus.ask(topics.MISSION, Command(action="repeat", goal=goal))
+        return bus.ask(topics.MISSION, Command(action="repeat", goal=Goal(to=goal)))
     except BusError:
         return None
 
@@ -345,3 +368,31 @@ def test_a_port_in_use_is_said_in_one_sentence(robot):
     with pytest.raises(BusError, match="port in use") as caught:
         Bus("r1", "router", robot.endpoint, mode="router")
     assert "\n" not in str(caught.value)
+
+
+def test_a_closed_subscription_hears_nothing_more_and_others_do(connect):
+    publisher, receiver = connect("navigator").publisher(topics.STATE), connect("safety")
+    closed, other = receiver.subscribe(topics.STATE), receiver.subscribe(topics.STATE)
+    publisher.put(state("first"))
+    assert closed.wait(WAIT_S).message.reason == other.wait(WAIT_S).message.reason == "first"
+    closed.close()
+    closed.close()
+    publisher.put(state("second"))
+    assert other.wait(WAIT_S).message.reason == "second"
+    assert closed.poll() is None
+    assert closed.last().message.reason == "first"
+
+
+def test_a_fleet_that_comes_later_than_the_robot_is_found():
+    fleet, own = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    with (
+        Bus("r1", "router", own, mode="router", uplink=fleet),
+        Bus("r1", "navigator", own, shared_memory=False) as robot,
+    ):
+        robot.present()
+        with (
+            Bus("fleet", "router", fleet, mode="router"),
+            Bus("r1", "operator", fleet, shared_memory=False) as operator,
+        ):
+            presence = operator.presence()
+            eventually(lambda: "navigator" in presence, "the robot is seen through the fleet's router", 30)

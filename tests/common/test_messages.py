@@ -5,6 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from common import messages as m
+from common.ids import VertexId, new_map_id
 
 CAMERA = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0, "cx": 32.0, "cy": 24.0, "baseline": 0.2}
 
@@ -89,3 +90,23 @@ def test_an_image_of_a_camera_is_grey_or_coloured(shape):
 def test_what_is_no_image_is_refused(shape):
     with pytest.raises(ValidationError):
         m.CameraFrame(stamp=1, image=np.zeros(shape, np.uint8))
+
+
+def route(**changed):
+    vertices = [VertexId(new_map_id("r1", 0), i) for i in (0, 1)]
+    fields = {
+        "id": "r", "environment": "park", "goal": "gate", "vertices": vertices,
+        "path": np.stack([np.eye(4)] * 2), "length": 0.0, "maps": [], "reason": "the only one",
+    }  # fmt: skip
+    return m.Route(**{**fields, **changed})
+
+
+def test_a_route_has_a_speed_limit_for_each_of_its_vertices_or_none():
+    assert route().speed_limits == []
+    assert route(speed_limits=[0.5, 1000.0]).speed_limits == [0.5, 1000.0]
+
+
+@pytest.mark.parametrize("wrong", [[0.5], [0.5] * 3, [0.5, 0.0], [0.5, -1.0], [np.nan, 0.5], [0.5, np.inf]])
+def test_speed_limits_that_cannot_be_are_refused(wrong):
+    with pytest.raises(ValidationError):
+        route(speed_limits=wrong)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import textwrap
 
 import psutil
 import pytest
@@ -12,27 +11,6 @@ from common import topics
 from tests.processes import ROOT, eventually
 
 END_S = 10.0
-
-
-@pytest.fixture
-def start(robot):
-    """Starts a service whose ``main`` is the given Python text, in which ``service`` is the service."""
-    processes = []
-
-    def started(main: str, name: str = "sensors", config: str | None = None) -> subprocess.Popen[str]:
-        script = (
-            "import os, sys, threading, time\nfrom common.service import run\nfrom common import topics\n"
-            f"def main(service):\n{textwrap.indent(textwrap.dedent(main), '    ')}\nrun({name!r}, main)\n"
-        )
-        command = [sys.executable, "-c", script, "--config", config or str(robot.config)]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        processes.append(process)
-        return process
-
-    yield started
-    for process in processes:
-        process.kill()
-        process.communicate()
 
 
 def ready(process: subprocess.Popen[str]) -> None:

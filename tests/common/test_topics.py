@@ -7,8 +7,8 @@ import pytest
 from common import messages, topics
 from common.topics import Delivery, Topic
 
-SERVICES = {"router", "sensors", "estimator", "planner", "tracker", "safety", "navigator", "mapstore"}
-OTHERS = {"player", "console", "operator"}
+SERVICES = {"router", "sensors", "estimator", "planner", "tracker", "safety", "navigator", "mapstore", "obstacles"}
+OTHERS = {"base", "player", "console", "operator"}
 
 every_topic = pytest.mark.parametrize("topic", topics.ALL, ids=lambda topic: topic.key)
 
@@ -22,7 +22,8 @@ def test_keys_are_unique_and_none_hides_another():
 
 
 def test_every_message_is_used():
-    used = {topic.message for topic in topics.ALL} | {topic.answer for topic in topics.ALL}
+    every = topics.ALL + topics.OF_THE_FLEET
+    used = {topic.message for topic in every} | {topic.answer for topic in every}
     parts = set()
     waiting = [model for model in used if model]
     while waiting:
@@ -31,7 +32,10 @@ def test_every_message_is_used():
             parts.add(model)
             text = str({name: field.annotation for name, field in model.model_fields.items()})
             waiting += [m for m in messages.Message.__subclasses__() if f".{m.__name__}" in text]
-    assert set(messages.Message.__subclasses__()) <= parts
+    on_the_bus = {
+        model for model in messages.Message.__subclasses__() if model.__module__.startswith("common.messages")
+    }
+    assert on_the_bus <= parts
 
 
 @every_topic
@@ -59,6 +63,11 @@ def test_a_sample_grows_stale_after_several_periods_and_not_before(topic: Topic)
 def test_states_wait_for_room_and_frames_do_not(topic: Topic):
     if topic.delivery is not Delivery.QUERY:
         assert topic.blocking == (topic.delivery is Delivery.STATE)
+
+
+def test_the_fleet_has_its_own_keys():
+    assert topics.MODEL.at("r1", "park") == topics.MODEL.at("r2", "park") == "vtr/fleet/park/model"
+    assert {topic.owners for topic in topics.OF_THE_FLEET} == {(topics.FLEET,)}
 
 
 def test_the_base_hears_safety_alone():

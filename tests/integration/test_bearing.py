@@ -8,7 +8,9 @@ from common.errors import BusError
 from common.ids import VertexId
 from tests.integration.whole_robot import STILL_M_S, WholeRobot, state_is
 
-SHORT_M = 16.0
+pytestmark = pytest.mark.long
+
+SHORT_M = 13.0
 AHEAD_M = 1.5
 BESIDE_M = 0.2
 

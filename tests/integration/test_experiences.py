@@ -13,6 +13,8 @@ from common.posegraph import check, from_topology
 from services.sensors.world import WorldSettings
 from tests.integration.whole_robot import state_is
 
+pytestmark = pytest.mark.long
+
 SHORT_M = 12.0
 HOUR_NS = 3_600_000_000_000
 NOON_NS = round(WorldSettings().time.timestamp() * 1e9)

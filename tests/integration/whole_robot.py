@@ -4,30 +4,34 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import time
 
 import numpy as np
 
-from cli.demo.driver import Driver, DriverSettings
-from cli.demo.recorder import Recorder
+from cli.demo.configuration import write_config
+from cli.demo.driver import DriverSettings
+from cli.demo.human import Human
 from cli.demo.sensor import Sensor
-from cli.demo.story import Story, write_config
+from cli.demo.story import Story
 from common import topics
 from common.errors import BusError
-from common.messages import Command, GraphQuery, Place, StateName, VelocityCommand, now_ns
+from common.messages import GraphQuery, Place, StateName
 from services.sensors.standing_place import StandingPlace
+from tests.commands import command
 from tests.processes import eventually
 
 STILL_M_S = 0.02
+STOOD_S = 0.1
+"""A mission may go on by itself soon after what it lost is back."""
 
 
 class WholeRobot:
     """A demo robot on which processes are killed; a context manager."""
 
-    def __init__(self, folder, sensor=Sensor.STEREO, light=None):
+    def __init__(self, folder, sensor=Sensor.STEREO, light=None, tables=""):
         self.config = folder / "robot.toml"
         write_config(self.config, folder / "data", light, sensor)
+        self.config.write_text(f"{self.config.read_text()}\n{tables}")
         self._story = Story(self.config, lambda _text, _part: None)
         self._place = StandingPlace(folder / "data" / "demo" / "run" / "standing_place")
 
@@ -35,6 +39,8 @@ class WholeRobot:
         self._story.__enter__()
         self.story, self.bus, self.supervised = self._story, self._story.bus, self._story.supervised
         self.route = self.story.route()
+        self._presence = self.bus.presence()
+        self._heard = []
         self.pace = DriverSettings(speed=1.1, acceleration=1.0)
         return self
 
@@ -55,10 +61,15 @@ class WholeRobot:
         self.bus.ask(topics.TRUTH_PLACE, Place(x=float(x), y=float(y), yaw=float(yaw)), timeout=10.0)
 
     def command(self, action, timeout=10.0, **fields):
-        return self.bus.ask(topics.MISSION, Command(action=action, **fields), timeout=timeout)
+        return self.bus.ask(topics.MISSION, command(action, **fields), timeout=timeout)
 
     def states(self):
-        return self.bus.subscribe(topics.STATE)
+        return self.hear(topics.STATE)
+
+    def hear(self, topic):
+        """A subscription for this test: each has a thread of its own, so :meth:`calm` ends those of the test before."""
+        self._heard.append(self.bus.subscribe(topic))
+        return self._heard[-1]
 
     def pid(self, process):
         return next(row.pid for row in self.supervised.processes() if row.name == process)
@@ -70,12 +81,12 @@ class WholeRobot:
         return time.monotonic(), pid
 
     def seconds_to_standstill(self, since, deadline=3.0):
-        """Seconds after ``since`` at which the wheels stood still for good, infinite if they did not."""
+        """Seconds after ``since`` at which the wheels stood still, infinite if they did not."""
         last_moving = since
         while time.monotonic() < since + deadline:
             if self.speed() > STILL_M_S:
                 last_moving = time.monotonic()
-            elif time.monotonic() - last_moving > 1.0:
+            elif time.monotonic() - last_moving > STOOD_S:
                 return last_moving - since
             time.sleep(0.002)
         return float("inf")
@@ -88,8 +99,7 @@ class WholeRobot:
             return row is not None and row.pid not in (0, None, old_pid) and row.state == "RUNNING"
 
         eventually(back, f"{process} runs again", deadline)
-        presence = self.bus.presence()
-        eventually(lambda: process in presence, f"{process} is present again", deadline)
+        eventually(lambda: process in self._presence, f"{process} is present again", deadline)
 
     def first_metres(self, metres):
         """The beginning of the world's route."""
@@ -103,12 +113,15 @@ class WholeRobot:
 
     def soon(self, condition, what, deadline=30.0):
         """Waits for a condition; a failure tells the navigator's and safety's side of the story."""
-        states, statuses = self.states(), self.bus.subscribe(topics.SAFETY_STATUS)
+        states, statuses = self.bus.subscribe(topics.STATE), self.bus.subscribe(topics.SAFETY_STATUS)
         try:
             return eventually(condition, what, deadline)
         except AssertionError as error:
             state, status = states.last(), statuses.last()
             raise AssertionError(f"{error}\n{state and state.message}\n{status and status.message}") from None
+        finally:
+            states.close()
+            statuses.close()
 
     def pids(self):
         """The pid of each process."""
@@ -124,6 +137,8 @@ class WholeRobot:
 
     def calm(self):
         """Leaves no mission behind, and the robot at rest."""
+        while self._heard:
+            self._heard.pop().close()
         states = self.states()
 
         def idle():
@@ -151,34 +166,7 @@ class WholeRobot:
 
     def drive_by_hand(self, route, settings=None):
         """Starts a human who drives a route until stopped."""
-        return Human(self, route, settings or self.pace)
-
-
-class Human:
-    """Drives by hand in a thread of its own."""
-
-    def __init__(self, robot, route, settings):
-        self.recorder = Recorder(robot.bus)
-        self._driver = Driver(route, settings)
-        self._teleop = robot.bus.publisher(topics.TELEOP)
-        self._stop = threading.Event()
-        self.arrived = threading.Event()
-        self._thread = threading.Thread(target=self._drive, daemon=True)
-        self._thread.start()
-
-    def _drive(self):
-        while not self._stop.wait(0.05):
-            truth = self.recorder.truth()
-            command = None if truth is None else self._driver.command(truth.T_world_vehicle, 0.05)
-            if truth is not None and command is None:
-                self.arrived.set()
-            v, w = command or (0.0, 0.0)
-            self._teleop.put(VelocityCommand(stamp=now_ns(), v=v, w=w))
-
-    def stop(self):
-        self._stop.set()
-        self._thread.join()
-        return self.recorder.stop()
+        return Human(self.bus, route, settings or self.pace)
 
 
 def state_is(subscription, *names):

@@ -34,6 +34,7 @@ class LocalizationResult:
         rms: root mean square error of the inliers in the left image, pixels.
         mahalanobis2: squared distance from the prior, 6 degrees of freedom; nan without a pose.
         inlier_landmarks: indices into the map of the landmarks that agree.
+        inlier_places: x, y (inliers, 2) of these in the live left image, pixels.
     """
 
     success: bool
@@ -45,6 +46,7 @@ class LocalizationResult:
     rms: float
     mahalanobis2: float
     inlier_landmarks: NDArray[np.int64]
+    inlier_places: Array
 
 
 class StereoLocalizer:
@@ -133,6 +135,7 @@ class StereoLocalizer:
             rms=solution.rms if solution else 0.0,
             mahalanobis2=mahalanobis2,
             inlier_landmarks=found.landmarks[inliers],
+            inlier_places=found.uvd[inliers, :2],
         )
 
 

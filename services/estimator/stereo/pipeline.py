@@ -178,6 +178,7 @@ class StereoPipeline:
             stream=stream,
             reason=chosen.reason,
             streams={name: StreamResult(r.success, r.inliers, r.reason) for name, r in results.items()},
+            pixels=chosen.inlier_places,
         )
         if not chosen.success:
             return outcome

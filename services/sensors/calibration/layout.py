@@ -52,6 +52,7 @@ def identify(images: Sequence[Image], board: Board, *, any_dictionary: bool = Fa
     if any_dictionary or not _legible(seen):
         dictionary = _dictionary(sample, board)
         if dictionary is None:
+            _check_not_mirrored(sample, seen, board, any_dictionary=any_dictionary)
             return board
         if not any_dictionary:
             raise CalibrationError(
@@ -61,6 +62,7 @@ def identify(images: Sequence[Image], board: Board, *, any_dictionary: bool = Fa
         if _family(dictionary) != _family(board.dictionary):
             board = replace(board, dictionary=dictionary)
         seen = find_markers(sample, board.dictionary)
+    _check_not_mirrored(sample, seen, board, any_dictionary=any_dictionary)
     if not _legible(seen):
         return board
     variants = [board, replace(board, legacy=True)] if board.rows % 2 == 0 else [board]
@@ -69,6 +71,23 @@ def identify(images: Sequence[Image], board: Board, *, any_dictionary: bool = Fa
         raise CalibrationError(_another(board, seen))
     _check_ratio(fitting, seen)
     return fitting
+
+
+def _check_not_mirrored(
+    sample: Sequence[Image], seen: Sequence[Markers], board: Board, *, any_dictionary: bool
+) -> None:
+    """Looks at the images without markers as in a mirror: some cameras' drivers mirror, and no marker reads both ways.
+
+    Raises:
+        CalibrationError: most of them show the board then.
+    """
+    unread = [image for image, markers in zip(sample, seen, strict=True) if len(markers.ids) < _MIN_MARKERS]
+    mirrored = [np.ascontiguousarray(image[:, ::-1]) for image in unread]
+    name = (_dictionary(mirrored, board) if any_dictionary else None) or board.dictionary
+    legible = sum(len(markers.ids) >= _MIN_MARKERS for markers in find_markers(mirrored, name))
+    if legible > len(unread) / 2:
+        which = "the images are mirrored" if len(unread) == len(sample) else "one camera's images are mirrored"
+        raise CalibrationError(f"{which}: switch that off in the camera's driver, for no rectification undoes it")
 
 
 def find_markers(images: Sequence[Image], dictionary: str) -> list[Markers]:

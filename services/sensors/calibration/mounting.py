@@ -1,12 +1,8 @@
 """How a camera is mounted on the vehicle, from a short figure of eight: its own odometry beside that of the wheels.
 
 While the vehicle moves by ``A`` and its camera by ``B``, ``A X = X B`` holds for the mounting ``X`` (hand-eye
-calibration). The vehicle moves in a plane, so that
-
-* the axis that the camera turns about, and its translations are normal to, is the vehicle's z: roll and pitch;
-* in that plane, ``(R(phi) - I) t + k p = R(psi) u``, with the camera's turn ``phi`` and translation ``u`` and the
-  wheels' translation ``p``: yaw ``psi``, place ``t = (x, y)`` and the wheels' scale ``k`` follow by least squares;
-* the height leaves no trace in any motion: it must be measured.
+calibration). Of ``A`` the wheels tell what lies in the plane of the ground; that the vehicle stays on it tells the
+rest, but for the camera's height, which leaves no trace in any motion on a plane: it must be measured.
 """
 
 from __future__ import annotations
@@ -18,6 +14,8 @@ from numpy.typing import NDArray
 
 from common import geometry
 from services.sensors.calibration.errors import CalibrationError
+from services.sensors.calibration.handeye import HandEye, Segments, refine
+from services.sensors.calibration.handeye_start import levelling, planar, vertical
 
 Array = NDArray[np.float64]
 
@@ -25,16 +23,24 @@ MIN_TURN = np.radians(180.0)
 """Least turn to either side. Turns to one side alone leave the place and the yaw confused."""
 MIN_LENGTH = 3.0
 """Least distance to be driven, metres."""
-MAX_PLACE_SIGMA, MAX_ANGLE_SIGMA = 0.02, np.radians(0.5)
+MAX_PLACE_SIGMA, MAX_ANGLE_SIGMA = 0.02, np.radians(0.8)
 """Standard deviations, metres and radians, above which a drive was too short or too rough."""
+MAX_SLIP = 0.4
+"""Greatest share of segments on which the wheels may have slipped."""
 
 _SEGMENT_M, _SEGMENT_RAD = 1.0, 0.5
 """A segment ends after this distance or turn: its motion stands out of the noise, and drift does not yet."""
 _AGREEMENT = 0.85
 """Least correlation of the camera's turns with those of the wheels."""
-_ROUNDS = 5
-_ROBUST = 2.5
-_MAD_TO_SIGMA = 1.4826
+_SLIPPED_M, _SLIPPED_RAD, _SLIPPED_PART = 0.05, 0.05, 0.15
+"""On a segment on which the wheels slipped they are further off than these metres, or these radians and this part of
+the turn, beyond the camera's own noise."""
+_OUTLIER = 4.0
+_CURVES_M = 0.005
+"""Standard deviation of a place beside what the drive's scatter tells: what all curves slip alike shows in none."""
+_GOOD_SCALE = 0.05
+_GOOD_SLIP = 0.1
+_BACKWARDS = np.radians(120.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +52,10 @@ class Mounting:
         place_sigma: standard deviation of x and y, metres.
         roll_pitch_sigma, yaw_sigma: standard deviations, radians.
         wheel_scale: what the wheels' distances must be multiplied with to agree with the camera's.
+        turn_scale: likewise their turns; the mounting is computed from the camera's turns alone.
+        residuals, turn_residuals: (S,) by how much wheels and camera disagree on each segment, metres and radians.
+        slipped: (S,) whether they disagree by more than rolling wheels do.
+        warnings: what could be better, or may be wrong, a sentence each.
     """
 
     T_vehicle_camera: Array
@@ -53,6 +63,31 @@ class Mounting:
     roll_pitch_sigma: float
     yaw_sigma: float
     wheel_scale: float
+    turn_scale: float
+    residuals: Array
+    turn_residuals: Array
+    slipped: NDArray[np.bool_]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What a drive has covered: metres, and radians turned to either side."""
+
+    length: float
+    left: float
+    right: float
+
+    @classmethod
+    def of(cls, wheel_motions: Array) -> Course:
+        """Of motions (N, 3)."""
+        turn, length = wheel_motions[:, 2], float(np.linalg.norm(wheel_motions[:, :2], axis=1).sum())
+        return cls(length, float(turn[turn > 0.0].sum()), float(-turn[turn < 0.0].sum()))
+
+    def __str__(self) -> str:
+        """As a person would tell it."""
+        left, right = np.degrees(self.left), np.degrees(self.right)
+        return f"{self.length:.1f} m, {left:.0f} degrees to the left and {right:.0f} to the right"
 
 
 def mount(camera_motions: Array, wheel_motions: Array, height: float = 0.0) -> Mounting:
@@ -60,32 +95,54 @@ def mount(camera_motions: Array, wheel_motions: Array, height: float = 0.0) -> M
 
     ``camera_motions`` (N, 4, 4) are ``T_before_after`` of the optical frame, metric; ``wheel_motions`` (N, 3) are x and
     y, metres, and the turn, radians, of the vehicle in its own frame before. ``height`` of the camera is in metres.
+    Motions may be missing: each pair obeys ``A X = X B`` by itself, and so does what they are composed to.
 
     Raises:
         CalibrationError: the drive does not determine the mounting, or camera and wheels contradict each other.
     """
     _check_drive(camera_motions, wheel_motions)
     pieces = _segments(wheel_motions)
-    segments = np.array([_composed(camera_motions[a:b]) for a, b in pieces])
-    up, roll_pitch_sigma = _vertical(segments, wheel_motions, pieces)
-    R_level_camera = _levelling(up)
-    turns = geometry.so3_log(camera_motions[:, :3, :3]) @ up
-    _check_turns(turns, wheel_motions[:, 2])
-    u = (segments[:, :3, 3] @ R_level_camera.T)[:, :2]
-    driven = [_driven(wheel_motions[a:b, :2], turns[a:b]) for a, b in pieces]
-    phi, p = np.array([turn for turn, _ in driven]), np.array([step for _, step in driven])
-    x, y, psi, scale, covariance = _planar(phi, p, u)
-    R = geometry.so3_exp([0.0, 0.0, psi]) @ R_level_camera
-    sigma = np.sqrt(np.diag(covariance))
-    found = Mounting(
-        geometry.transform(R, [x, y, height]),
-        (float(sigma[0]), float(sigma[1])),
-        roll_pitch_sigma,
-        float(sigma[2]),
-        scale,
-    )
+    wheel_turns = np.array([wheel_motions[a:b, 2].sum() for a, b in pieces])
+    # A quarter of a circle errs together: ground and slip are alike from segment to segment.
+    clusters = np.floor(np.cumsum(np.abs(wheel_turns)) / (np.pi / 2.0)).astype(np.int64)
+    segments = Segments.of(pieces, camera_motions, wheel_motions, np.unique(clusters, return_inverse=True)[1])
+    up = vertical(segments.turns, segments.steps, wheel_turns)
+    _check_turns(geometry.so3_log(camera_motions[:, :3, :3]) @ up, wheel_motions[:, 2])
+    solved = _solve(segments, up, height)
+    found = _judged(solved, segments.turns @ up, wheel_turns)
     _check_result(found)
     return found
+
+
+def _solve(segments: Segments, up: Array, height: float) -> HandEye:
+    """The mounting as if the ground were a plane, and refined from there."""
+    level = levelling(up)
+    in_plane = (segments.steps @ level.T)[:, :2]
+    x, y, yaw, scale = planar(segments.turns @ up, segments.driven(level)[:, :2], in_plane)
+    return refine(segments, geometry.so3_exp([0.0, 0.0, yaw]) @ level, np.array([x, y, height]), scale)
+
+
+def _judged(solved: HandEye, turns: Array, wheel_turns: Array) -> Mounting:
+    """A solution, and how far wheels and camera agree on segments with the camera's turns and the wheels' (S,)."""
+    turn_scale, turn_residuals = _turn_scale(turns, wheel_turns)
+    residuals = np.linalg.norm(solved.residuals[:, :2], axis=1)
+    _, up_noise, tilt_noise = solved.noises
+    slipped = (residuals > _SLIPPED_M + _OUTLIER * up_noise) | (
+        np.abs(turn_residuals) > _SLIPPED_RAD + _SLIPPED_PART * np.abs(turns) + _OUTLIER * tilt_noise
+    )
+    sigma = np.sqrt(np.diag(solved.covariance))
+    return Mounting(
+        T_vehicle_camera=geometry.transform(solved.X, solved.t),
+        place_sigma=(float(np.hypot(sigma[3], _CURVES_M)), float(np.hypot(sigma[4], _CURVES_M))),
+        roll_pitch_sigma=float(np.sqrt(np.linalg.eigvalsh(solved.covariance[:2, :2])[-1])),
+        yaw_sigma=float(sigma[2]),
+        wheel_scale=solved.scale,
+        turn_scale=turn_scale,
+        residuals=residuals,
+        turn_residuals=turn_residuals,
+        slipped=slipped,
+        warnings=_warnings(solved.X, solved.scale, turn_scale, float(slipped.mean())),
+    )
 
 
 def _check_drive(camera_motions: Array, wheel_motions: Array) -> None:
@@ -97,12 +154,10 @@ def _check_drive(camera_motions: Array, wheel_motions: Array) -> None:
         raise CalibrationError(
             "a motion is not finite, or no rigid one: leave the frames out that odometry was lost in"
         )
-    turn, length = wheel_motions[:, 2], float(np.linalg.norm(wheel_motions[:, :2], axis=1).sum())
-    left, right = float(turn[turn > 0.0].sum()), float(-turn[turn < 0.0].sum())
-    if length < MIN_LENGTH or min(left, right) < MIN_TURN:
+    course = Course.of(wheel_motions)
+    if course.length < MIN_LENGTH or min(course.left, course.right) < MIN_TURN:
         raise CalibrationError(
-            f"the drive is {length:.1f} m long and turns {np.degrees(left):.0f} degrees to the left and "
-            f"{np.degrees(right):.0f} to the right: drive a figure of eight, {MIN_LENGTH:g} m and half a turn each "
+            f"the drive is too little: {course}; drive a figure of eight, {MIN_LENGTH:g} m and half a turn each "
             "way at least"
         )
 
@@ -116,10 +171,17 @@ def _check_turns(camera: Array, wheels: Array) -> None:
 
 
 def _check_result(found: Mounting) -> None:
+    share = float(found.slipped.mean())
+    if share > MAX_SLIP:
+        raise CalibrationError(
+            f"wheels and camera disagree on {100 * share:.0f} % of the way, by {100 * np.median(found.residuals):.0f} "
+            f"cm and {np.degrees(np.median(np.abs(found.turn_residuals))):.0f} degrees a metre or so: the wheels slip; "
+            "drive more slowly, in wider turns, on ground with more grip"
+        )
     place, angle = max(found.place_sigma), max(found.yaw_sigma, found.roll_pitch_sigma)
     if place > MAX_PLACE_SIGMA or angle > MAX_ANGLE_SIGMA:
         raise CalibrationError(
-            f"the drive tells the camera's place to {100 * place:.1f} cm and its angles to {np.degrees(angle):.2f} "
+            f"the drive tells the camera's place to {100 * place:.1f} cm and its angles to {np.degrees(angle):.1f} "
             f"degrees, which is not enough ({100 * MAX_PLACE_SIGMA:g} cm and {np.degrees(MAX_ANGLE_SIGMA):g} degrees): "
             "drive longer, with tighter turns, on level ground"
         )
@@ -128,6 +190,31 @@ def _check_result(found: Mounting) -> None:
             f"the camera drives {found.wheel_scale:.2f} times as far as the wheels: check the wheels' radius, and the "
             "stereo calibration's squares"
         )
+
+
+def _warnings(R_vehicle_camera: Array, wheel_scale: float, turn_scale: float, slipped: float) -> tuple[str, ...]:
+    """What could be better, and mountings that a wrong sign of the wheels looks like."""
+    out = []
+    if R_vehicle_camera[2, 1] > 0.0:
+        out.append(
+            "the camera is upside down; if it is not, the wheels' turn rate has the wrong sign: left is positive"
+        )
+    if abs(np.arctan2(R_vehicle_camera[1, 2], R_vehicle_camera[0, 2])) > _BACKWARDS:
+        out.append("the camera looks backwards; if it does not, the wheels' speed has the wrong sign")
+    for scale, what in ((wheel_scale, "distances"), (turn_scale, "turns")):
+        if abs(scale - 1.0) > _GOOD_SCALE:
+            out.append(f"the wheels' {what} are {1 / scale:.2f} times the camera's: correct them in the base's driver")
+    if slipped > _GOOD_SLIP:
+        out.append(f"the wheels slip on {100 * slipped:.0f} % of the way: drive more slowly, or on other ground")
+    return tuple(out)
+
+
+def _turn_scale(phi: Array, wheel_turns: Array) -> tuple[float, Array]:
+    """The ratio of the camera's turns (S,) to those of the wheels, and what remains (S,); slip does not move it."""
+    turning = np.abs(phi) > 0.5 * _SEGMENT_RAD
+    ratios = phi[turning] / np.where(wheel_turns[turning] == 0.0, np.inf, wheel_turns[turning])
+    scale = float(np.median(ratios)) if turning.any() else 1.0
+    return scale, phi - scale * wheel_turns
 
 
 def _segments(wheel_motions: Array) -> list[tuple[int, int]]:
@@ -139,91 +226,3 @@ def _segments(wheel_motions: Array) -> list[tuple[int, int]]:
             out.append((begin, k + 1))
             begin, length, turn = k + 1, 0.0, 0.0
     return out
-
-
-def _composed(motions: Array) -> Array:
-    """One motion (4, 4) of several (N, 4, 4)."""
-    T = np.eye(4)
-    for motion in motions:
-        T = T @ motion
-    return T
-
-
-def _driven(steps: Array, turns: Array) -> tuple[float, Array]:
-    """Turn and translation (2,) of a segment: the wheels' steps (N, 2), the camera's turns (N,), which do not slip."""
-    heading = np.concatenate([[0.0], np.cumsum(turns)])
-    before = heading[:-1]
-    c, s = np.cos(before), np.sin(before)
-    return float(heading[-1]), np.array(
-        [(c * steps[:, 0] - s * steps[:, 1]).sum(), (s * steps[:, 0] + c * steps[:, 1]).sum()]
-    )
-
-
-def _vertical(segments: Array, wheel_motions: Array, pieces: list[tuple[int, int]]) -> tuple[Array, float]:
-    """The vehicle's z in the camera's frame (3,), and its standard deviation, radians.
-
-    It minimises what the turns (S, 3) have beside it and what the translations (S, 3) have along it, each in units of
-    its own noise; bumps are both.
-    """
-    turns, steps = geometry.so3_log(segments[:, :3, :3]), segments[:, :3, 3]
-    beside = (turns * turns).sum(axis=1)[:, None, None] * np.eye(3) - turns[:, :, None] * turns[:, None, :]
-    along = steps[:, :, None] * steps[:, None, :]
-    weights = np.ones(len(turns)), np.ones(len(turns))
-    for _ in range(_ROUNDS):
-        M = (weights[0][:, None, None] * beside).sum(axis=0) + (weights[1][:, None, None] * along).sum(axis=0)
-        values, vectors = np.linalg.eigh(M)
-        up = vectors[:, 0]
-        off = np.linalg.norm(np.cross(turns, up), axis=1), np.abs(steps @ up)
-        weights = _weights(off[0]), _weights(off[1])
-    wheels = np.array([wheel_motions[a:b, 2].sum() for a, b in pieces])
-    up = up if float((turns @ up) @ wheels) > 0.0 else -up
-    # In units of the noise, the least curvature across the minimum is that of the worse direction.
-    return up, float(1.0 / np.sqrt(max(values[1], 1e-12)))
-
-
-def _weights(errors: Array) -> Array:
-    """Geman-McClure's weights (N,) of absolute errors, over their variance."""
-    sigma = max(_MAD_TO_SIGMA * float(np.median(errors)), 1e-6)
-    return np.asarray(((_ROBUST * sigma) ** 2 / ((_ROBUST * sigma) ** 2 + errors**2)) ** 2 / sigma**2)
-
-
-def _levelling(up: Array) -> Array:
-    """A rotation (3, 3) from the camera's frame to one whose z is ``up`` and whose x is the view, levelled."""
-    view = np.array([0.0, 0.0, 1.0])
-    x = view - up * (up @ view)
-    if np.linalg.norm(x) < 0.1:
-        x = np.array([0.0, -1.0, 0.0]) + up * up[1]
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(up, x), up])
-
-
-def _planar(phi: Array, p: Array, u: Array) -> tuple[float, float, float, float, Array]:
-    """``x, y, psi, k`` and their covariance (4, 4), from turns (S,), the wheels' steps and the camera's (S, 2).
-
-    Divided by k the equation is linear in ``(x, y, cos psi, sin psi) / k``, whose last two tell k.
-    """
-    c, s = np.cos(phi), np.sin(phi)
-    J = np.zeros((len(phi), 2, 4))
-    J[:, 0, 0], J[:, 0, 1], J[:, 1, 0], J[:, 1, 1] = c - 1.0, -s, s, c - 1.0
-    J[:, 0, 2], J[:, 0, 3], J[:, 1, 2], J[:, 1, 3] = -u[:, 0], u[:, 1], -u[:, 1], -u[:, 0]
-    weight = np.ones(len(phi))
-    for _ in range(_ROUNDS):
-        H = np.einsum("n,nij,nik->jk", weight, J, J)
-        if np.linalg.cond(H) > 1e12:
-            raise CalibrationError("the drive does not tell the camera's place: drive a figure of eight")
-        solution = np.linalg.solve(H, -np.einsum("n,nij,ni->j", weight, J, p))
-        residuals = J @ solution + p
-        weight = _weights(np.linalg.norm(residuals, axis=1))
-    scale = 1.0 / float(np.hypot(solution[2], solution[3]))
-    x, y, cosine, sine = (float(value) for value in solution * scale)
-    psi = float(np.arctan2(sine, cosine))
-    # Derivatives of (x, y, psi, k) by the linear solution.
-    D = np.zeros((4, 4))
-    D[0, 0] = D[1, 1] = scale
-    D[:2, 2:] = -scale * np.outer([x, y], [cosine, sine])
-    D[2, 2:] = scale * np.array([-sine, cosine])
-    D[3, 2:] = -(scale**2) * np.array([cosine, sine])
-    believed = weight / weight.max()
-    freedom = max(2.0 * float(believed.sum()) - 4.0, 1.0)
-    variance = float((weight * (residuals**2).sum(axis=1)).sum()) / freedom
-    return x, y, psi, scale, D @ np.linalg.inv(H) @ D.T * variance

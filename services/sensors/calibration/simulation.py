@@ -52,6 +52,27 @@ def simulated_poses(
     return out
 
 
+def framed_poses(count: int, rng: np.random.Generator, board: Board, rig: StereoRig) -> Array:
+    """Poses (count, 4, 4) as :func:`simulated_poses`, of any board before any camera.
+
+    Its distance is from where it fills the image's narrower way to twice that.
+    """
+    sides = np.array([board.columns, board.rows]) * board.square
+    slopes = np.array([rig.width, rig.height]) / (2.0 * rig.left.fx)
+    nearest = float((sides / (2.0 * slopes)).max())
+    out = np.zeros((count, 4, 4))
+    for k in range(count):
+        depth = nearest * (1.05 + ((k * 0.618) % 1.0))
+        free = np.maximum(0.95 * slopes * depth - 0.42 * sides, 0.02 * depth)
+        aside, direction = rng.uniform(-1.0, 1.0, 2) * free, 2 * np.pi * ((k * 0.382) % 1.0)
+        lean = 0.65 * rng.uniform(0.55, 1.0)
+        R = geometry.so3_exp([lean * np.cos(direction), lean * np.sin(direction), rng.uniform(-0.4, 0.4)])
+        middle = np.array([*(sides / 2.0), 0.0])
+        place = np.array([aside[0] + 0.4 * rig.baseline, aside[1], depth])
+        out[k] = geometry.transform(R, place - R @ middle)
+    return out
+
+
 class BoardRenderer:
     """Renders one board as one rig sees it."""
 
@@ -62,12 +83,20 @@ class BoardRenderer:
         self._rays = [_rays(lens, rig.width, rig.height) for lens in (rig.left, rig.right)]
 
     def pair(
-        self, T_left_board: Array, rng: np.random.Generator, blur: float = 0.7, noise: float = 2.0
+        self,
+        T_left_board: Array,
+        rng: np.random.Generator,
+        blur: float = 0.7,
+        noise: float = 2.0,
+        vignetting: float = 0.0,
     ) -> tuple[Image, Image]:
-        """Left and right image (H, W); ``blur`` in pixels and ``noise`` in grey levels are standard deviations."""
+        """Left and right image (H, W); ``blur`` in pixels and ``noise`` in grey levels are standard deviations.
+
+        ``vignetting`` is the part of the light that the images' corners lack.
+        """
         T_right_board = geometry.transform(self.rig.R, self.rig.T) @ T_left_board
         left, right = (
-            self._image(rays, T, rng, blur, noise)
+            self._image(rays, T, rng, (blur, noise, vignetting))
             for rays, T in zip(self._rays, (T_left_board, T_right_board), strict=True)
         )
         return left, right
@@ -78,7 +107,18 @@ class BoardRenderer:
         poses = simulated_poses(count, rng, self.board, (self.rig.width, self.rig.height))
         return [(f"{k:03d}", *self.pair(T, rng, blur, noise)) for k, T in enumerate(poses)]
 
-    def _image(self, rays: NDArray[np.float32], T: Array, rng: np.random.Generator, blur: float, noise: float) -> Image:
+    def framed(
+        self, count: int, seed: int = 1, blur: float = 0.7, noise: float = 2.0, vignetting: float = 0.0
+    ) -> list[tuple[str, Image, Image]]:
+        """A set of pairs with their names, in poses of :func:`framed_poses`."""
+        rng = np.random.default_rng(seed)
+        poses = framed_poses(count, rng, self.board, self.rig)
+        return [(f"{k:03d}", *self.pair(T, rng, blur, noise, vignetting)) for k, T in enumerate(poses)]
+
+    def _image(
+        self, rays: NDArray[np.float32], T: Array, rng: np.random.Generator, look: tuple[float, float, float]
+    ) -> Image:
+        blur, noise, vignetting = look
         to_board = np.linalg.inv(np.stack([T[:3, 0], T[:3, 1], T[:3, 3]], axis=1))
         x, y, w = (rays @ to_board.T.astype(np.float32)).transpose(2, 0, 1)
         scale, margin = _TEXTURE / self.board.square, _TEXTURE / 2 - 0.5
@@ -91,7 +131,14 @@ class BoardRenderer:
         image = cv2.resize(fine, (self.rig.width, self.rig.height), interpolation=cv2.INTER_AREA)
         if blur > 0.0:
             image = cv2.GaussianBlur(image, (0, 0), blur)
+        if vignetting > 0.0:
+            image = image * self._falloff(vignetting)
         return np.clip(np.round(image + rng.normal(0.0, noise, image.shape)), 0, 255).astype(np.uint8)
+
+    def _falloff(self, vignetting: float) -> NDArray[np.float32]:
+        """The part of the light (H, W) that arrives: less by the square of the distance from the middle."""
+        v, u = np.mgrid[-1.0 : 1.0 : self.rig.height * 1j, -1.0 : 1.0 : self.rig.width * 1j]
+        return np.asarray(1.0 - vignetting * (u * u + v * v) / 2.0, dtype=np.float32)
 
 
 def _rays(lens: Lens, width: int, height: int) -> NDArray[np.float32]:

@@ -23,7 +23,9 @@ def scan_message(scan: LidarScan, T_vehicle_lidar: Array | None = None) -> ScanM
         RecordingError: its points cannot be told apart by beams.
     """
     organised = scan.points.ndim == 3
-    points = np.nan_to_num(scan.points.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    points = scan.points.astype(np.float64)
+    # What came back from nowhere has no coordinate, and one that is left says nothing.
+    points[~np.isfinite(points).all(axis=-1)] = 0.0
     distance = np.linalg.norm(points, axis=-1)
     azimuth = np.arctan2(points[..., 1], points[..., 0])
     elevation = np.arcsin(np.clip(points[..., 2] / np.where(distance > 0.0, distance, 1.0), -1.0, 1.0))

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array
+from services.sensors.world.cache import kept
 from services.sensors.world.geometry import Floats, Geometry, chart_points
 from services.sensors.world.rays import RayCaster
 from services.sensors.world.scene import GROUND_TEXELS, Scene
+from services.sensors.world.settings import SceneSettings
 from services.sensors.world.textures import mip_levels, tiled
 
 _OFF_SURFACE = 0.02
@@ -54,10 +56,17 @@ class LightBaker:
         self._chart_points = points.astype(np.float32)
         self._chart_normals = geometry.normals[owner].astype(np.float32)
         self._leaf = geometry.two_sided[owner]
-        coarse, coarse_normals = _grid(scene, half, _SKY_GRID)
-        sky = self._sky(coarse, coarse_normals, np.zeros(len(coarse), np.bool_))
-        self._ground_sky = _enlarged(sky.reshape(_SKY_GRID, _SKY_GRID), GROUND_TEXELS)
-        self._chart_sky = self._sky(self._chart_points, self._chart_normals, self._leaf)
+        sky, self._chart_sky = kept(_skies, scene.settings, beside=(self, scene))
+        self._ground_sky = _enlarged(sky, GROUND_TEXELS)
+
+    def sky_on_ground(self, scene: Scene) -> Floats:
+        """The part (K, K) of the sky's light that arrives on the ground, on a coarse grid."""
+        points, normals = _grid(scene, scene.settings.extent / 2.0, _SKY_GRID)
+        return self._sky(points, normals, np.zeros(len(points), np.bool_)).reshape(_SKY_GRID, _SKY_GRID)
+
+    def sky_on_charts(self) -> Floats:
+        """The part of the sky's light that arrives at each sample of the things' charts."""
+        return self._sky(self._chart_points, self._chart_normals, self._leaf)
 
     def bake(self, sun: Array) -> LightMaps:
         """The maps for the sun in direction ``sun`` (3,); below the horizon there is no sunlight."""
@@ -99,6 +108,11 @@ class LightBaker:
         """Whether nothing stands between each point (S, 3) and infinity in a direction (3,)."""
         off = np.where(leaf[:, None], direction, normals) * _OFF_SURFACE + direction * _OFF_SURFACE
         return self._rays.is_free(points + off, np.broadcast_to(direction, points.shape))
+
+
+def _skies(_settings: SceneSettings, baker: LightBaker, scene: Scene) -> tuple[Floats, Floats]:
+    """The sky's light on ground and charts of the scene of these settings."""
+    return baker.sky_on_ground(scene), baker.sky_on_charts()
 
 
 def _grid(scene: Scene, half: float, count: int) -> tuple[Floats, Floats]:

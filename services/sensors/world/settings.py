@@ -205,6 +205,12 @@ class WorldSettings:
         latitude, longitude: degrees, north and east positive; the world's x is east, y is north.
         bake_degrees: how far the sun moves before shadows are computed anew.
         clouds: part of the sky that is clouded, 0 to 1; clouds are drawn, they cast no shadow.
+        scene: what stands in it.
+        rig: the stereo camera; for programs, no file can name another one.
+        bands: the camera's colours.
+        imaging: from light to pixels.
+        lidar: the spinning lidar.
+        base: the wheels.
     """
 
     seed: int = 1

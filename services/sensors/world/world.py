@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from common.camera import StereoCamera
 from common.geometry import Array
 from services.sensors.world.base import Base, BaseState
+from services.sensors.world.cache import kept
 from services.sensors.world.geometry import MATERIAL, Floats, Geometry
 from services.sensors.world.imaging import Image, Imager, response_white
 from services.sensors.world.lidar import Lidar, Scan
@@ -36,9 +37,9 @@ class World:
     """
 
     def __init__(self, settings: WorldSettings = _DEFAULT) -> None:
-        """Build the scene: two seconds. Its light takes some more, and is made for the first image."""
+        """Build the scene, or take it from the cache. Its light is made for the first image."""
         self.settings = settings
-        self.scene = Scene.build(settings.scene)
+        self.scene = kept(Scene.build, settings.scene)
         self._geometry = Geometry.of(self.scene.groups, self.scene.ground_map())
         self._rays = RayCaster(self._geometry)
         self._light = daylight(settings.time, settings.latitude, settings.longitude)

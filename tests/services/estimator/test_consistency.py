@@ -35,6 +35,7 @@ def driven():
     return route, drives
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["odometry", "edges", "localization"])
 def test_errors_are_as_large_as_their_covariance_says(driven, what):
     route, drives = driven

@@ -199,3 +199,22 @@ def test_the_level_of_significance_is_the_user_s():
     hours, values, _ = mixture(np.random.default_rng(8), 30, 20, [24.0], 1.3)
     chances = [len(of_series(hours, values, Settings(level=level)).periods_hours) for level in (0.005, 0.5)]
     assert chances[0] <= chances[1]
+
+
+def test_routes_that_are_not_compared_with_each_other_are_searched_jointly():
+    rng = np.random.default_rng(0)
+    hours = np.sort(rng.uniform(0, 24 * 20, 48))
+    groups = np.arange(48) % 4
+    alike = likeness_of(rng, hours, [24.0], 0.3)
+    one = groups == 0
+    apart = np.where(groups[:, None] == groups, alike, 0.0)
+    found = of_maps(hours, apart, groups=groups)
+    assert found.periods_hours.tolist() == pytest.approx([24.0], rel=0.02)
+    assert found.significance[0] <= of_maps(hours[one], alike[np.ix_(one, one)]).significance.min(initial=1.0)
+    spoilt = np.where(groups[:, None] == groups, alike, rng.normal(size=alike.shape))
+    assert of_maps(hours, spoilt, groups=groups).weights == pytest.approx(found.weights)
+
+
+def test_routes_of_which_each_has_one_map_tell_nothing():
+    hours = np.arange(20.0)
+    assert "all the same" in of_maps(hours, np.eye(20), groups=np.arange(20)).reason

@@ -1,88 +1,43 @@
 """The state machine without a bus: every transition, every refusal, every deadline."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.ids import VertexId, new_map_id
-from common.messages import MapRecord, StateName
+from common.ids import VertexId
+from common.messages import Goal, StateName
 from services.navigator.hierarchy import TABLE, diagram
-from services.navigator.machine import Deadlines, MissionRefused, StateMachine
+from services.navigator.machine import StateMachine
+from services.navigator.mission import MissionRefused
+from tests.services.navigator.machines import (
+    CANDIDATES,
+    END,
+    FAR,
+    OLD,
+    REACH,
+    START,
+    TAUGHT,
+    branching,
+    following,
+    joining,
+    localizing,
+    name,
+    new_machine,
+    offered_now,
+    paused,
+    paused_teach,
+    planning,
+)
 
 S = StateName
-OLD = VertexId(new_map_id("r1", 0), 3)
-START = VertexId(new_map_id("r1", 0), 0)
-
-
-TAUGHT = MapRecord(id=OLD.map_id, environment="park", stamp=0, robot="r1", sensor="stereo")
-
-
-def make_map(environment: str, repeated: MapRecord | None) -> MapRecord:
-    return MapRecord(
-        id=new_map_id("r1", 1), environment=environment, stamp=1, robot="r1", sensor="stereo",
-        generation=0 if repeated is None else repeated.generation + 1, parent=repeated and repeated.id,
-    )  # fmt: skip
 
 
 @pytest.fixture
 def machine() -> StateMachine:
     return new_machine()
-
-
-def new_machine() -> StateMachine:
-    return StateMachine("park", None, Deadlines(plan=3, localize=20, paused=100), make_map, now=0.0)
-
-
-def name(machine: StateMachine) -> StateName:
-    return machine.mission.name
-
-
-def branching(machine: StateMachine) -> StateMachine:
-    machine.teach(1.0, "park", None)
-    return machine
-
-
-def planning(machine: StateMachine) -> StateMachine:
-    machine.repeat(1.0, "park", START, "end")
-    return machine
-
-
-def localizing(machine: StateMachine) -> StateMachine:
-    planning(machine).planned(2.0, machine.mission.attempt, "route1", START, "one map")
-    return machine
-
-
-def following(machine: StateMachine) -> StateMachine:
-    localizing(machine).localized(3.0, "route1", START)
-    return machine
-
-
-def joining(machine: StateMachine) -> StateMachine:
-    machine.teach(1.0, "park", OLD)
-    return machine
-
-
-def paused(machine: StateMachine) -> StateMachine:
-    following(machine).pause(4.0)
-    return machine
-
-
-def paused_teach(machine: StateMachine) -> StateMachine:
-    branching(machine).pause(4.0)
-    return machine
-
-
-REACH = {
-    S.IDLE: lambda machine: machine,
-    S.TEACH_METRIC_LOCALIZE: joining,
-    S.TEACH_BRANCH: branching,
-    S.REPEAT_PLAN: planning,
-    S.REPEAT_METRIC_LOCALIZE: localizing,
-    S.REPEAT_FOLLOW: following,
-    S.PAUSED: paused,
-}
 
 
 def test_every_state_can_be_reached():
@@ -198,7 +153,7 @@ def test_an_answer_to_a_cancelled_question_is_ignored(machine):
     attempt = planning(machine).mission.attempt
     machine.cancel(2.0)
     assert not machine.planned(3.0, attempt, "route1", START, "late")
-    again = machine.repeat(4.0, "park", START, "end")
+    again = machine.repeat(4.0, "park", START, END)
     assert not machine.planned(5.0, attempt, "route1", START, "late")
     assert name(machine) is S.REPEAT_PLAN
     assert machine.planned(6.0, again, "route2", START, "in time")
@@ -274,18 +229,38 @@ def test_a_state_that_waits_for_nobody_has_no_deadline(machine, state):
 COMMANDS = {
     "teach": lambda machine: machine.teach(9.0, "park", None),
     "finish": lambda machine: machine.finish(9.0),
-    "repeat": lambda machine: machine.repeat(9.0, "park", START, "end"),
+    "repeat": lambda machine: machine.repeat(9.0, "park", START, END),
     "pause": lambda machine: machine.pause(9.0),
     "resume": lambda machine: machine.resume(9.0),
     "position": lambda machine: machine.stand_at("park", OLD),
+    "merge": lambda machine: machine.merge(9.0, CANDIDATES),
+    "confirm": lambda machine: machine.confirm(9.0),
+    "branch": lambda machine: machine.branch(9.0),
+    "append": lambda machine: machine.append(9.0, FAR),
+    "swap": lambda machine: machine.swap(9.0, FAR, "another goal"),
+    "pause_ahead": lambda machine: machine.pause_ahead(9.0, OLD),
 }
+REPEATS = {S.REPEAT_PLAN, S.REPEAT_METRIC_LOCALIZE, S.REPEAT_FOLLOW, S.PAUSED}
 ALLOWED = {
     "teach": {S.IDLE},
-    "finish": {S.TEACH_BRANCH},
+    "finish": {S.TEACH_BRANCH, S.TEACH_MERGE},
     "repeat": {S.IDLE},
-    "pause": {S.TEACH_METRIC_LOCALIZE, S.TEACH_BRANCH, S.REPEAT_PLAN, S.REPEAT_METRIC_LOCALIZE, S.REPEAT_FOLLOW},
+    "pause": {
+        S.TEACH_METRIC_LOCALIZE,
+        S.TEACH_BRANCH,
+        S.TEACH_MERGE,
+        S.REPEAT_PLAN,
+        S.REPEAT_METRIC_LOCALIZE,
+        S.REPEAT_FOLLOW,
+    },
     "resume": {S.PAUSED},
-    "position": {S.IDLE},
+    "position": {S.IDLE} | REPEATS,
+    "merge": {S.TEACH_BRANCH, S.TEACH_MERGE},
+    "confirm": set(),
+    "branch": {S.TEACH_MERGE},
+    "append": REPEATS,
+    "swap": REPEATS,
+    "pause_ahead": {S.REPEAT_FOLLOW},
 }
 
 
@@ -338,6 +313,11 @@ EVENTS = {
     "localized": lambda machine: machine.localized(9.0, machine.mission.route, machine.mission.target or START),
     "localized elsewhere": lambda machine: machine.localized(9.0, "route9", START),
     "made_vertex": lambda machine: machine.made_vertex(OLD),
+    "offered": lambda machine: offered_now(machine, 9.0),
+    "reject": lambda machine: machine.reject(9.0),
+    "append and rest": lambda machine: machine.append(9.0, Goal(to="far", pause_before=5.0)),
+    "drop": lambda machine: machine.drop(1),
+    "planned anew": lambda machine: machine.plans_anew(),
     "arrived": lambda machine: machine.arrived(9.0, machine.mission.route),
     "lost": lambda machine: machine.lost(9.0, "lost the estimator"),
     "tick": lambda machine: machine.tick(9.0),
@@ -358,11 +338,59 @@ def test_whatever_happens_cancel_ends_in_idle_and_only_a_localization_starts_fol
         if after.name is S.REPEAT_FOLLOW and before.name is not S.REPEAT_FOLLOW:
             assert event == "localized"
             assert before.name is S.REPEAT_METRIC_LOCALIZE
-        taught = S.TEACH_BRANCH in (after.name, after.resumes)
+        taught = bool({S.TEACH_BRANCH, S.TEACH_MERGE} & {after.name, after.resumes})
         recorded = after.map is not None and after.map.generation == 1
         assert taught == (after.map is not None and not recorded)
         assert not recorded or after.route
         assert (after.resumes is not None) == (after.name is S.PAUSED)
+        assert not after.closure or after.name is S.TEACH_MERGE
+        assert not after.pauses_at or after.name is S.REPEAT_FOLLOW
     machine.cancel(10.0)
     assert name(machine) is S.IDLE
     assert machine.mission.map is None
+
+
+def recovering(machine):
+    """A repeat that was lost on the way, in a machine that may go on by itself within ten seconds."""
+    machine._deadlines = replace(machine._deadlines, recover=10.0)
+    following(machine)
+    machine.localized(4.0, "route1", OLD)
+    machine.lost(5.0, "lost the estimator")
+    return machine
+
+
+def test_what_was_lost_is_waited_for_and_then_it_goes_on(machine):
+    recovering(machine)
+    assert machine.mission.waiting_for == "what was lost, to go on"
+    machine.recovered(6.0)
+    assert name(machine) is S.REPEAT_METRIC_LOCALIZE
+    assert machine.mission.target == OLD
+    assert machine.mission.recovery == 0.0
+    machine.recovered(7.0)
+    assert name(machine) is S.REPEAT_METRIC_LOCALIZE
+
+
+def test_what_does_not_come_back_ends_in_idle_with_the_reason(machine):
+    recovering(machine)
+    machine.tick(14.9)
+    assert name(machine) is S.PAUSED
+    machine.tick(15.1)
+    assert name(machine) is S.IDLE
+    assert "lost the estimator" in machine.mission.reason
+
+
+def test_an_operator_s_pause_holds_what_would_have_gone_on(machine):
+    recovering(machine)
+    machine.pause(6.0)
+    machine.recovered(7.0)
+    assert name(machine) is S.PAUSED
+    assert machine.mission.reason == "paused by the operator, after: lost the estimator"
+    with pytest.raises(MissionRefused):
+        machine.pause(8.0)
+
+
+def test_a_pause_by_the_operator_never_ends_by_itself(machine):
+    following(machine)
+    machine.pause(5.0)
+    machine.recovered(6.0)
+    assert name(machine) is S.PAUSED

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from common import topics
-from common.errors import Refused
+from common.errors import Refused, Unavailable
 from common.geometry import from_xy_yaw
 from common.ids import VertexId, new_map_id
 from common.messages import (
-    Command,
     Done,
     Localization,
     MapList,
@@ -26,6 +25,7 @@ from common.messages import (
     TrackerStatus,
     now_ns,
 )
+from tests.commands import command
 from tests.processes import Robot, eventually, every
 
 OLD = MapRecord(id=new_map_id("r1", 0), environment="default", stamp=0, robot="r1", sensor="stereo")
@@ -40,6 +40,10 @@ class Crew:
         self.robot = robot
         self.maps: list[MapSummary] = []
         self.places: dict[str, VertexId] = {}
+        self.ends: dict[str, tuple[str | None, str | None]] = {}
+        self.reports = []
+        self.longer: Route | None = None
+        self.fetching = ""
         self.plans = 0
         self.planner_works = threading.Event()
         self.planner_works.set()
@@ -47,6 +51,8 @@ class Crew:
         self.safety = buses["safety"].publisher(topics.SAFETY_STATUS)
         buses["mapstore"].serve(topics.MAPS, lambda _: MapList(maps=self.maps))
         buses["mapstore"].serve(topics.NAME_PLACE, self.name)
+        buses["mapstore"].serve(topics.ENDS, self.tell_ends)
+        buses["mapstore"].serve(topics.REPORT, self.report)
         buses["planner"].serve(topics.PLAN, self.plan)
         self.estimator = robot.bus("estimator")
         self.found: VertexId | None = None
@@ -59,6 +65,14 @@ class Crew:
 
     def name(self, question):
         self.places[question.place] = question.vertex
+        return Done()
+
+    def tell_ends(self, question):
+        self.ends[question.map] = question.start_place, question.end_place
+        return Done()
+
+    def report(self, question):
+        self.reports.append(question)
         return Done()
 
     def relocalize(self, question):
@@ -74,6 +88,13 @@ class Crew:
         self.planner_works.wait()
         if question.goal == "moon":
             raise Refused("there is no place 'moon'; the places are: end")
+        if self.fetching:
+            raise Unavailable(self.fetching)
+        if question.plan and self.longer is not None:
+            return self.longer
+        return self.plan_of(question)
+
+    def plan_of(self, question):
         self.plans += 1
         return Route(
             id=f"route{self.plans}",
@@ -90,7 +111,7 @@ class Crew:
         self.maps = [MapSummary(record=record, vertices=10, length=5.0, bytes=1, finished=finished)]
 
     def ask(self, action, **rest):
-        return self.operator.ask(topics.MISSION, Command(action=action, **rest), timeout=10.0).text
+        return self.operator.ask(topics.MISSION, command(action, **rest), timeout=10.0).text
 
     def state(self):
         received = self.states.last()
@@ -210,13 +231,13 @@ def test_a_map_is_taught_unconnected_where_the_robot_does_not_find_itself(lost):
 def test_an_operator_has_the_robot_look_for_itself(idle):
     idle.found = END
     assert idle.ask("position", find=True) == f"the robot stands at {END}: 87 landmarks agree"
-    assert idle.state().position == END
+    eventually(lambda: idle.state().position == END, "the position is known")
     idle.found = None
     with pytest.raises(Refused, match="two places look alike"):
         idle.ask("position", find=True)
     with pytest.raises(Refused, match="a position is a vertex"):
         idle.ask("position", find=True, vertex=END)
-    assert idle.state().position == END
+    eventually(lambda: idle.state().position == END, "the position is known")
 
 
 def test_a_repeat_records_a_map_of_the_next_generation_until_it_ends(idle):
@@ -269,16 +290,29 @@ def test_the_route_is_there_for_whoever_joins_later(idle):
 
 
 @pytest.mark.parametrize("lost", ["estimator", "tracker"])
-def test_a_killed_process_pauses_the_repeat_and_it_can_be_resumed(idle, lost):
+def test_a_killed_process_pauses_the_repeat_until_it_is_back(idle, lost):
     follow(idle)
     idle.robot.kill(lost)
     paused = idle.until(S.PAUSED)
     assert (paused.reason, paused.resumes) == (f"lost {lost}", S.REPEAT_FOLLOW)
+    assert paused.waiting_for == "what was lost, to go on"
     with pytest.raises(Refused, match=f"cannot resume without {lost}"):
         idle.ask("resume")
     idle.robot.stand_in(lost)
+    state = idle.until(S.REPEAT_METRIC_LOCALIZE)
+    assert state.target == START
+    assert state.reason == f"goes on, after: lost {lost}"
+
+
+def test_a_pause_of_the_operator_s_does_not_end_by_itself(idle):
+    follow(idle)
+    idle.robot.kill("tracker")
+    idle.until(S.PAUSED)
+    idle.ask("pause")
+    eventually(lambda: idle.state().waiting_for.startswith("the operator"), "it waits for the operator")
+    idle.robot.stand_in("tracker")
     resume(idle)
-    assert idle.until(S.REPEAT_METRIC_LOCALIZE).target == START
+    assert "resumed by the operator" in idle.until(S.REPEAT_METRIC_LOCALIZE).reason
 
 
 def test_an_emergency_stop_pauses_the_repeat_until_it_is_reset_and_resumed(idle):
@@ -308,10 +342,10 @@ def test_refusals_say_why_and_change_nothing(idle):
     with pytest.raises(Refused, match="cannot repeat without estimator: not running"):
         idle.ask("repeat", goal="end", vertex=START)
     idle.robot.stand_in("estimator")
-    for sentence, command in cases.items():
+    for sentence, order in cases.items():
         idle.maps = [] if "no map that" in sentence else idle.maps
         with pytest.raises(Refused, match=sentence):
-            idle.ask(**command)
+            idle.ask(**order)
         idle.store(OLD, finished=True)
         assert idle.until(S.IDLE)
 
@@ -350,3 +384,138 @@ def test_nonsense_changes_nothing(idle):
         idle.operator.ask(topics.MISSION, SafetyCommand(action="stop"))
     assert idle.until(S.IDLE)
     assert idle.robot.alive("navigator")
+
+
+OTHER = MapRecord(id=new_map_id("r2", 5 * 10**9), environment="default", stamp=0, robot="r2", sensor="stereo")
+
+
+def two_maps(name, *, reached):
+    """A route over the stored map, and as far as is known over another one."""
+    vertices = [START, END] + ([VertexId(OTHER.id, 0), VertexId(OTHER.id, 9)] if reached else [])
+    return Route(
+        id=name, environment="default", goal="end", vertices=vertices,
+        path=np.stack([from_xy_yaw(5.0 * k, 0, 0) for k in range(len(vertices))]), length=5.0, maps=[OLD.id],
+        reason="chosen", plan=[OLD.id, OTHER.id], next_map=None if reached else OTHER.id,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def fleet(idle):
+    """The robot with a plan over two maps, of which it knows no joint."""
+    idle.maps = [
+        MapSummary(record=OLD, vertices=10, length=5.0, bytes=1, finished=True, start_place="gate", end_place="yard"),
+        MapSummary(record=OTHER, vertices=10, length=5.0, bytes=1, finished=True, start_place="yard", end_place="end"),
+    ]
+    idle.reports.clear()
+    idle.ends.clear()
+    plan, idle.plan_of = idle.plan_of, lambda _: two_maps("short", reached=False)
+    yield idle
+    idle.plan_of, idle.longer, idle.fetching = plan, None, ""
+
+
+def test_a_plan_whose_maps_are_fetched_is_waited_for(fleet):
+    fleet.fetching = "fetching 1 of the plan's 2 maps, 40 %"
+    assert "fetching 1" in fleet.ask("repeat", goal="end", start_place="gate")
+    eventually(lambda: "40 %" in fleet.until(S.REPEAT_PLAN).waiting_for, "the state says what it waits for")
+    fleet.fetching = "fetching 1 of the plan's 2 maps, 90 %"
+    eventually(lambda: "90 %" in fleet.state().waiting_for, "the state says how far it is")
+    fleet.fetching = ""
+    fleet.until(S.REPEAT_METRIC_LOCALIZE)
+
+
+def test_a_plan_that_is_fetched_can_be_cancelled(fleet):
+    fleet.fetching = "fetching 1 of the plan's 2 maps"
+    fleet.ask("repeat", goal="end", start_place="gate")
+    fleet.until(S.REPEAT_PLAN)
+    fleet.ask("cancel")
+    fleet.until(S.IDLE)
+    fleet.fetching = ""
+
+
+def follow_both(crew, route="short", trunk=START):
+    """Keeps the robot localized on a route until it follows it."""
+    crew.ask("repeat", goal="end", vertex=START, record=True)
+    crew.until(S.REPEAT_METRIC_LOCALIZE)
+    with every(0.02, lambda: crew.localize(route, trunk)):
+        return crew.until(S.REPEAT_FOLLOW)
+
+
+def moving(crew, route, trunk):
+    """The robot drives on: localizations, odometry and the tracker's status."""
+    crew.localize(crew.state().route or route, trunk)
+    crew.move(None)
+    crew.track(crew.state().route)
+
+
+def test_a_route_goes_on_without_a_stop_and_another_map_is_recorded(fleet):
+    first = follow_both(fleet)
+    fleet.longer = two_maps("long", reached=True)
+    with every(0.03, lambda: moving(fleet, "short", END)):
+        state = eventually(lambda: (s := fleet.state()).route == "long" and s, "the longer route is followed")
+    assert (state.name, state.extends, state.since) == (S.REPEAT_FOLLOW, "short", first.since)
+    assert state.map.parent == OLD.id
+    with every(0.03, lambda: moving(fleet, "long", VertexId(OTHER.id, 1))):
+        state = eventually(lambda: (s := fleet.state()).map.parent == OTHER.id and s, "the other map is recorded")
+    assert state.map.generation == 1
+    with every(0.03, lambda: fleet.track("long", finished=True)):
+        fleet.until(S.IDLE)
+    report = eventually(lambda: fleet.reports and fleet.reports[-1], "the repeat is reported")
+    assert [told.map for told in report.maps] == [OLD.id, OTHER.id]
+
+
+def test_at_an_end_without_a_joint_the_robot_finds_itself_on_the_next_map(fleet):
+    follow_both(fleet)
+    fleet.longer = two_maps("short", reached=False)
+    following = Route(
+        id="next", environment="default", goal="end", vertices=[VertexId(OTHER.id, 0)], path=np.eye(4)[None],
+        length=0.0, maps=[OTHER.id], reason="the rest", plan=[OTHER.id],
+    )  # fmt: skip
+    fleet.plan_of = lambda question: following if question.plan == [OTHER.id] else two_maps("short", reached=False)
+    fleet.longer = None
+    with every(0.03, lambda: (moving(fleet, "short", END), fleet.track("short", finished=True))):
+        state = fleet.until(S.REPEAT_METRIC_LOCALIZE)
+    assert (state.route, state.target) == ("next", VertexId(OTHER.id, 0))
+    assert "no edge leads" in state.reason
+
+
+def test_the_ends_of_a_taught_map_are_told(idle):
+    idle.ends.clear()
+    idle.ask("teach", vertex=END, start_place="yard")
+    state = idle.until(S.TEACH_METRIC_LOCALIZE)
+    with every(0.02, lambda: idle.localize("", END)):
+        state = idle.until(S.TEACH_BRANCH)
+    idle.store(state.map, finished=True)
+    idle.ask("finish", end_place="shed")
+    assert idle.ends[state.map.id] == ("yard", "shed")
+
+
+def test_a_navigator_that_is_started_anew_is_paused_with_its_goal(idle):
+    follow(idle)
+    idle.robot.kill("navigator")
+    idle.robot.start("navigator")
+    state = idle.until(S.PAUSED)
+    assert (state.goal, state.resumes, state.position) == ("end", S.REPEAT_PLAN, START)
+    assert "started anew" in state.reason
+    resume(idle)
+    assert idle.until(S.REPEAT_METRIC_LOCALIZE).target == START
+
+
+def test_a_navigator_that_is_started_anew_still_teaches_its_map(idle):
+    idle.store(OLD, finished=True)
+    idle.ask("teach", vertex=END)
+    with every(0.02, lambda: idle.localize("", END)):
+        taught = idle.until(S.TEACH_BRANCH).map
+    idle.robot.kill("navigator")
+    idle.robot.start("navigator")
+    assert idle.until(S.PAUSED).map == taught
+    resume(idle)
+    assert idle.until(S.TEACH_BRANCH).map == taught
+
+
+def test_a_mission_that_is_over_is_forgotten(idle):
+    follow(idle)
+    idle.ask("cancel")
+    idle.until(S.IDLE)
+    idle.robot.kill("navigator")
+    idle.robot.start("navigator")
+    assert idle.until(S.IDLE).goal == ""

@@ -1,3 +1,5 @@
+import os
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -53,6 +55,34 @@ def test_stops_even_where_it_cannot_be_written_and_then_stays_stopped(tmp_path):
     with pytest.raises(LatchStoreError):
         stop.reset()
     assert stop.reason is not None
+
+
+def test_a_latch_holds_before_it_is_on_disk_and_beyond_once_it_is(tmp_path):
+    stop = EmergencyStop(tmp_path / "estop.json")
+    stop.latch("The button.")
+    assert stop.reason == "The button."
+    stop.save()
+    assert EmergencyStop(tmp_path / "estop.json").reason == "The button."
+
+
+def test_a_press_during_a_reset_is_not_lost(tmp_path, monkeypatch):
+    file = tmp_path / "estop.json"
+    stop = EmergencyStop(file)
+    stop.engage("The first.")
+    presses = iter(["The second."])
+    flush = os.fsync
+
+    def press_meanwhile(descriptor):
+        for reason in presses:
+            stop.latch(reason)
+        flush(descriptor)
+
+    monkeypatch.setattr("services.safety.estop.os.fsync", press_meanwhile)
+    assert not stop.reset()
+    assert stop.reason is not None
+    assert EmergencyStop(file).reason is not None
+    assert stop.reset()
+    assert stop.reason is None
 
 
 def test_leaves_nothing_else_behind(tmp_path):

@@ -1,10 +1,14 @@
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from services.safety.inputs import MOTION_OF_STATE, CommandKind, SafetyInputs, VelocityCommand
 from services.safety.monitor import SafetyMonitor, SafetySettings
-from services.safety.rules import Cause, CommandKind, SafetyInputs, VelocityCommand
+from services.safety.rules import Cause
 
 PERIOD = SafetySettings().period
 DECELERATION = SafetySettings().ramp.deceleration
@@ -117,3 +121,63 @@ def test_before_anything_is_known_the_robot_stands():
     output = SafetyMonitor().step(0.0, SafetyInputs())
     assert (output.v, output.w) == (0.0, 0.0)
     assert output.reasons
+
+
+def test_after_a_hang_in_which_the_base_has_stopped_by_itself_the_robot_starts_from_rest(driving):
+    driving.now += 0.5
+    output = driving.run(WELL, PERIOD)
+    assert 0.0 < output.v <= 2.0 * PERIOD * SafetySettings().ramp.acceleration
+    driving.run(WELL, 3.0)
+    driving.now += 0.5
+    output = driving.run(replace(WELL, command=None), PERIOD)
+    assert (output.v, output.w) == (0.0, 0.0)
+
+
+NOT_AN_AGE = st.one_of(st.none(), st.just(math.nan), st.floats(min_value=0.51))
+NOT_A_SPEED = st.one_of(st.sampled_from([math.nan, math.inf, -math.inf]), st.floats(5.01), st.floats(max_value=-5.01))
+NOT_A_TURN_RATE = st.one_of(st.just(math.nan), st.floats(10.01), st.floats(max_value=-10.01))
+NOT_A_DISTANCE = st.one_of(st.none(), st.just(math.nan), st.floats(10.01))
+COMMANDS = st.one_of(
+    st.builds(VelocityCommand, NOT_A_SPEED, st.floats(-1, 1), st.just(CommandKind.DESIRED), st.just(0.0)),
+    st.builds(VelocityCommand, st.floats(-1, 1), NOT_A_TURN_RATE, st.just(CommandKind.DESIRED), st.just(0.0)),
+    st.builds(VelocityCommand, st.floats(), st.floats(), st.just(CommandKind.TELEOP), st.floats()),
+    st.builds(VelocityCommand, st.floats(), st.floats(), st.sampled_from(CommandKind), st.floats(0.251)),
+    st.none(),
+)
+FAULTS = st.one_of(
+    st.builds(lambda command: {"command": command}, COMMANDS),
+    st.dictionaries(
+        st.sampled_from(["state_age", "odometry_age", "localization_age"]), NOT_AN_AGE, min_size=1, max_size=1
+    ),
+    st.dictionaries(
+        st.sampled_from(["metres_since_success", "seconds_since_success"]), NOT_A_DISTANCE, min_size=1, max_size=1
+    ),
+    st.builds(
+        lambda offset: {"path_offset": offset},
+        st.one_of(st.none(), st.just(math.nan), st.floats(0.81), st.floats(max_value=-0.81)),
+    ),
+    st.builds(
+        lambda variance: {"covariance": np.diag([variance] * 6)},
+        st.one_of(st.sampled_from([math.nan, math.inf]), st.floats(0.26), st.floats(max_value=-1e-6)),
+    ),
+    st.builds(lambda name: {"state": name}, st.text().filter(lambda name: name not in MOTION_OF_STATE)),
+)
+
+
+@given(st.lists(FAULTS, min_size=1, max_size=4))
+def test_what_is_no_number_or_huge_or_old_or_of_the_wrong_kind_only_ever_brakes(faults):
+    loop, silent = Loop(), Loop()
+    for each in (loop, silent):
+        each.run(WELL, 1.0)
+    for fault in faults:
+        output, silence = loop.run(replace(WELL, **fault), PERIOD), silent.run(SafetyInputs(), PERIOD)
+        assert (output.v, output.w) == (silence.v, silence.w)
+        assert output.reasons
+
+
+@given(st.lists(FAULTS, min_size=1, max_size=50))
+def test_a_robot_that_only_ever_hears_nonsense_never_moves(faults):
+    loop = Loop()
+    for fault in faults:
+        output = loop.run(replace(WELL, **fault), PERIOD)
+        assert (output.v, output.w) == (0.0, 0.0)

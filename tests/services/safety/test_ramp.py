@@ -50,6 +50,45 @@ def test_braking_reaches_rest_in_time_on_the_same_arc(v, w):
     assert ramp.command == (0.0, 0.0)
 
 
+@given(st.lists(st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.integers(1, 40)), max_size=8))
+def test_the_jerk_of_commands_that_pass_is_bounded(wanted):
+    ramp = Ramp(LIMITS)
+    rates = [(0.0, 0.0)]
+    for v, w, periods in wanted:
+        for _ in range(periods):
+            before = ramp.command
+            after = ramp.follow(v, w, PERIOD)
+            rates.append(tuple((b - a) / PERIOD for a, b in zip(before, after, strict=True)))
+            stopped = [b == 0.0 or b == pytest.approx(goal) for b, goal in zip(after, (v, w), strict=True)]
+            change = [abs(b - a) / PERIOD for a, b in zip(rates[-2], rates[-1], strict=True)]
+            assert stopped[0] or change[0] <= LIMITS.braking_jerk + 1e-6
+            assert stopped[1] or change[1] <= LIMITS.turn_jerk + 1e-6
+            gathers = rates[-1][0] * after[0] > 0.0 and rates[-1][0] * rates[-2][0] >= 0.0
+            if gathers and abs(rates[-1][0]) > abs(rates[-2][0]):
+                assert change[0] <= LIMITS.jerk + 1e-6
+
+
+def test_speed_is_gathered_softly_and_costs_a_tracker_s_own_profile_nothing_to_speak_of():
+    ramp, asked = Ramp(RampSettings()), 0.0
+    late = []
+    for _ in range(150):
+        asked = min(asked + 0.5 * PERIOD, 1.2)
+        late.append(asked - ramp.follow(asked, 0.0, PERIOD)[0])
+    assert max(late) < 0.03
+    assert late[-1] == 0.0
+
+
+def test_a_stop_takes_no_longer_than_without_a_limit_on_jerk():
+    ramp = Ramp(RampSettings())
+    for _ in range(200):
+        ramp.follow(1.2, 0.0, PERIOD)
+    periods = 0
+    while ramp.command != (0.0, 0.0):
+        ramp.brake(PERIOD)
+        periods += 1
+    assert periods * PERIOD <= 0.24 + PERIOD
+
+
 def test_reaches_a_wanted_command_and_stays():
     assert ramp_at(0.8, -0.5).command == pytest.approx((0.8, -0.5))
 

@@ -6,17 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.safety.rules import (
-    MOTION_OF_STATE,
-    RULES,
-    Cause,
-    CommandKind,
-    Effect,
-    RuleSettings,
-    SafetyInputs,
-    VelocityCommand,
-    evaluate,
-)
+from common.messages import Zone
+from services.safety.inputs import MOTION_OF_STATE, CommandKind, SafetyInputs, VelocityCommand
+from services.safety.limits import RuleSettings
+from services.safety.rules import RULES, Cause, Effect, evaluate
 
 SETTINGS = RuleSettings(dead_mans_switch=True)
 FOLLOWING = SafetyInputs(
@@ -75,6 +68,8 @@ OBJECTIONS = [
     ({"state": "teach.branch"}, Cause.COMMAND_KIND),
     (command(v=math.nan), Cause.COMMAND_INVALID),
     (command(w=math.inf), Cause.COMMAND_INVALID),
+    (command(v=5.1), Cause.COMMAND_INVALID),
+    (command(w=-1e300), Cause.COMMAND_INVALID),
     ({"missing": ("estimator",)}, Cause.SERVICE_MISSING),
     ({"switch_held": False}, Cause.DEAD_MANS_SWITCH),
     ({"switch_age": 0.301}, Cause.DEAD_MANS_SWITCH),
@@ -88,6 +83,9 @@ OBJECTIONS = [
     ({"metres_since_success": math.nan}, Cause.METRES_UNLOCALIZED),
     ({"seconds_since_success": 10.01}, Cause.SECONDS_UNLOCALIZED),
     ({"seconds_since_success": None}, Cause.SECONDS_UNLOCALIZED),
+    ({"obstacles": Zone.STOP, "obstacles_age": 0.1}, Cause.OBSTACLE),
+    ({"obstacles": Zone.CLEAR, "obstacles_age": 0.51}, Cause.OBSTACLES_STALE),
+    ({"obstacles": Zone.CLEAR}, Cause.OBSTACLES_STALE),
     ({"path_offset": -0.81}, Cause.PATH_OFFSET),
     ({"path_offset": math.nan}, Cause.PATH_OFFSET),
     ({"path_offset": None}, Cause.PATH_OFFSET),
@@ -95,6 +93,8 @@ OBJECTIONS = [
     ({"covariance": np.diag([0.0, 0, 0, 0, 0, 0.2])}, Cause.UNCERTAIN),
     ({"covariance": np.full((6, 6), np.nan)}, Cause.UNCERTAIN),
     ({"covariance": None}, Cause.UNCERTAIN),
+    ({"covariance": -1e-4 * np.eye(6)}, Cause.UNCERTAIN),
+    ({"covariance": np.diag([1e-4, 1e-4, 0, 0, 0, -1.0])}, Cause.UNCERTAIN),
 ]
 
 
@@ -170,6 +170,15 @@ def test_first_slower_then_stop(what):
     assert [verdict.effect for verdict in verdicts] == [None, Effect.SLOW, Effect.SLOW, Effect.SLOW, Effect.STOP]
 
 
+def test_something_near_slows_the_robot_down():
+    verdict = evaluate(replace(FOLLOWING, obstacles=Zone.SLOW, obstacles_age=0.1), SETTINGS)
+    assert [(reason.cause, reason.effect) for reason in verdict.reasons] == [(Cause.OBSTACLE, Effect.SLOW)]
+    assert verdict.scale == SETTINGS.obstacle_slow
+    far = replace(FOLLOWING, obstacles=Zone.SLOW, obstacles_age=0.1, metres_since_success=9.9)
+    assert evaluate(far, SETTINGS).scale < SETTINGS.obstacle_slow
+    assert evaluate(replace(FOLLOWING, obstacles=Zone.CLEAR, obstacles_age=0.1), SETTINGS).reasons == ()
+
+
 def test_all_reasons_are_listed_and_each_says_the_value_and_its_limit():
     verdict = evaluate(replace(FOLLOWING, odometry_age=0.8, path_offset=1.2, **command(age=0.4)), SETTINGS)
     sentences = [reason.sentence for reason in verdict.reasons]
@@ -209,3 +218,9 @@ def test_no_input_breaks_the_rules_and_whatever_passes_is_finite_and_fresh(known
         assert known.command.age <= SETTINGS.command_age
         assert math.isfinite(known.command.v + known.command.w)
         assert known.estop is None
+
+
+@pytest.mark.parametrize("name", ["slowest", "obstacle_slow"])
+def test_a_share_of_the_speed_that_is_none_is_refused(name):
+    with pytest.raises(ValueError, match=name):
+        RuleSettings(**{name: 1.5})

@@ -1,81 +1,22 @@
 """Safety as a process: its rate, what it lets through, and what ends neither it nor its stops."""
 
-import contextlib
+import subprocess
+import sys
 import time
 
-import numpy as np
 import pytest
 
 from common import topics
-from common.ids import VertexId, new_map_id
-from common.messages import Localization, Odometry, SafetyCommand, State, StateName, VelocityCommand, now_ns
-from tests.processes import Robot, eventually, every
+from common.messages import Joystick, StateName, now_ns
+from tests.processes import Robot, every
+from tests.services.safety.crew import Crew
 
-START = VertexId(new_map_id("r1", 0), 0)
 S = StateName
-
-
-class Crew:
-    """The processes around safety, and all that they publish while they are well."""
-
-    def __init__(self, robot: Robot):
-        self.robot = robot
-        self.state_name = S.IDLE
-        self.speed, self.turn = 0.4, 0.1
-        navigator = robot.act_as("navigator")
-        estimator, operator = robot.bus("estimator"), robot.bus("operator")
-        robot.act_as("sensors")
-        robot.stand_in("estimator")
-        self.tracker = robot.act_as("tracker")
-        self.operator = operator
-        self.state = navigator.publisher(topics.STATE)
-        self.odometry = estimator.publisher(topics.ODOMETRY)
-        self.localization = estimator.publisher(topics.LOCALIZATION)
-        self.desired = self.tracker.publisher(topics.DESIRED)
-        self.teleop = operator.publisher(topics.TELEOP)
-        self.safe = operator.subscribe(topics.SAFE)
-        self.status = operator.subscribe(topics.SAFETY_STATUS)
-
-    def publish(self):
-        stamp = now_ns()
-        route = "route1" if self.state_name is S.REPEAT_FOLLOW else ""
-        self.state.put(
-            State(stamp=stamp, name=self.state_name, environment="default", since=stamp, reason="", route=route)
-        )
-        pose = {"stamp": stamp, "covariance": 1e-4 * np.eye(6), "success": True, "inliers": 100}
-        self.odometry.put(Odometry(vertex=START, T_vertex_robot=np.eye(4), twist=np.zeros(6), **pose))
-        self.localization.put(
-            Localization(
-                route="route1", trunk=START, trunk_index=0, T_trunk_robot=np.eye(4), stream="plain",
-                metres_since_success=0, seconds_since_success=0, **pose,
-            )
-        )  # fmt: skip
-        self.desired.put(VelocityCommand(stamp=stamp, v=self.speed, w=self.turn, frame_stamp=77))
-        self.teleop.put(VelocityCommand(stamp=stamp, v=-self.speed, w=0.0))
-
-    def until(self, holds, what):
-        return eventually(lambda: (m := self.safe.last()) and holds(m.message) and m.message, what)
-
-    def until_status(self, holds, what):
-        found = eventually(lambda: (m := self.status.last()) and holds(m.message) and m.message, what)
-        return found, {reason.rule for reason in found.reasons}
-
-    def command(self, action, reason=""):
-        return self.operator.ask(topics.SAFETY_COMMAND, SafetyCommand(action=action, reason=reason)).text
-
-    @contextlib.contextmanager
-    def state_is(self, name):
-        self.state_name = name
-        try:
-            yield
-        finally:
-            self.state_name = S.IDLE
-            self.until(lambda safe: safe.v == safe.w == 0.0, "the robot stands")
 
 
 @pytest.fixture(scope="module")
 def crew(tmp_path_factory):
-    with Robot(tmp_path_factory.mktemp("robot")) as robot:
+    with Robot(tmp_path_factory.mktemp("robot"), "[safety]\nestop_button = 2\n") as robot:
         crew = Crew(robot)
         robot.start("safety")
         with every(0.03, crew.publish):
@@ -155,3 +96,41 @@ def test_nonsense_on_its_topics_moves_nothing(crew):
     with crew.state_is(S.REPEAT_FOLLOW):
         crew.until(lambda safe: safe.v > 0.3, "it passes what is sound")
     assert crew.robot.alive("safety")
+
+
+def test_a_button_of_the_joystick_latches_the_emergency_stop(crew):
+    stick = crew.operator.publisher(topics.JOYSTICK)
+
+    def press(pressed):
+        stick.put(Joystick(stamp=now_ns(), axes=[], held=False, buttons=[False, False, pressed]))
+
+    with crew.state_is(S.REPEAT_FOLLOW):
+        crew.until(lambda safe: safe.v > 0.3, "the robot drives")
+        press(pressed=True)
+        status, rules = crew.until_status(lambda status: status.latched, "it is latched")
+        assert "emergency_stop" in rules
+        assert any("the joystick's button" in reason.text for reason in status.reasons)
+        crew.until(lambda safe: safe.v == safe.w == 0.0, "the robot stands")
+        press(pressed=False)
+        crew.command("reset")
+        status, _ = crew.until_status(lambda status: not status.latched, "it is reset")
+        assert crew.safe.last().message.v == 0.0
+
+
+def test_another_machine_latches_the_emergency_stop(crew, tmp_path):
+    """A file that holds no more than where the robot's router is, and the command line."""
+    config = tmp_path / "elsewhere.toml"
+    robot = f'[robot]\nname = "{crew.robot.name}"\ndirectory = "{tmp_path}"\n'
+    config.write_text(f'{robot}[bus]\nendpoint = "{crew.robot.endpoint}"\nshared_memory = false\n', encoding="utf-8")
+
+    def estop(*options):
+        subprocess.run([sys.executable, "-m", "cli", "estop", "--config", config, *options], check=True, cwd=tmp_path)
+
+    with crew.state_is(S.REPEAT_FOLLOW):
+        crew.until(lambda safe: safe.v > 0.3, "the robot drives")
+        estop()
+        crew.until_status(lambda status: status.latched, "it is latched")
+        crew.until(lambda safe: safe.v == safe.w == 0.0, "the robot stands")
+        estop("--reset")
+        crew.until_status(lambda status: not status.latched, "it is reset")
+        assert crew.safe.last().message.v == 0.0

@@ -61,6 +61,28 @@ def test_frames_are_rectified_and_a_lost_camera_is_opened_again(robot, tmp_path)
     eventually(lambda: frames.last().message.stamp > seen, "frames are back", 30.0)
 
 
+def test_one_of_two_cameras_may_be_unplugged_and_come_back(robot, tmp_path):
+    """Two devices, in colour; the right one is pulled out, and the driver says which, and goes on when it is back."""
+    devices = f'["{tmp_path}/left.avi", "{tmp_path}/right.avi"]'
+    tables = robot.config.read_text().replace(f'["{tmp_path}/both.avi"]', devices)
+    robot.config.write_text(tables.replace("grey = true", "grey = false"))
+    red, green = np.zeros((SIZE[1], SIZE[0], 3), np.uint8), np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    red[..., 0], green[..., 1] = 200, 150
+    write_video(tmp_path / "left.avi", [red] * 200)
+    right = write_video(tmp_path / "right.avi", [green] * 12)
+    frames = robot.bus("operator").subscribe(topics.STEREO)
+    robot.start("sensors")
+    message = eventually(lambda: (last := frames.last()) and last.message, "a frame", 30.0)
+    middle = message.left[SIZE[1] // 2, SIZE[0] // 2], message.right[SIZE[1] // 2, SIZE[0] // 2]
+    assert np.abs(np.array(middle, int) - [[200, 0, 0], [0, 150, 0]]).max() <= 6
+    right.unlink()
+    eventually(lambda: "there is no camera" in robot.log("sensors"), "its absence is reported", 30.0)
+    assert "right.avi" in robot.log("sensors").split("there is no camera")[1]
+    seen = frames.last().message.stamp
+    write_video(right, [green] * 12)
+    eventually(lambda: frames.last().message.stamp > seen, "frames are back", 30.0)
+
+
 def test_images_of_another_size_are_reported_and_not_published(robot, tmp_path):
     write_video(tmp_path / "both.avi", [np.zeros((48, 96), np.uint8)] * 12)
     frames = robot.bus("operator").subscribe(topics.STEREO)

@@ -5,17 +5,18 @@ import pytest
 
 from common.geometry import from_xy_yaw
 from services.tracker.follower import FollowerSettings, NoRouteError, PathFollower
-from services.tracker.limits import Drive, Limits
+from services.tracker.limits import Drive, LimitError, Limits
+from services.tracker.path import make_path
 from services.tracker.simulation import World, drive, lay_route, true_errors
 
 KNOWN = 1e-4 * np.eye(6)
 OFFSET = from_xy_yaw(0.0, 0.3, math.radians(5.0))
 
 
-def repeat(pieces, poses, start=OFFSET, follower_settings=None, metres=0.0, **world):
+def repeat(pieces, poses, start=OFFSET, follower_settings=None, metres=0.0, speed_limits=(), **world):
     """Drive a route of which `poses` were taught; returns the run and all outputs of the tracker."""
     follower, outputs = PathFollower(follower_settings), []
-    follower.set_route(poses)
+    follower.set_route(poses, speed_limits)
 
     def control(trunk, T_trunk_robot, v, w, dt):
         outputs.append(follower.update(trunk, T_trunk_robot, KNOWN, v, w, metres, 0.0, dt))
@@ -102,6 +103,61 @@ def test_slower_while_it_is_not_localized(taught):
     _, unsure = repeat(pieces, taught(pieces), metres=7.0)
     assert max(output.v for output in unsure) < 0.6 * max(output.v for output in sure)
     assert any("localization is poor" in output.reason for output in unsure)
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+@pytest.mark.parametrize("direction", [1, -1])
+def test_keeps_to_the_speed_limit_of_a_stretch_from_where_it_begins(taught, direction, drive):
+    pieces = [(direction * 8, 0), (direction * 6, 1.5), (direction * 8, 0)]
+    poses = taught(pieces)
+    limits = np.full(len(poses), 1000.0)
+    limits[18:30] = 0.4
+    settings = FollowerSettings(limits=Limits(drive=drive, curvature=0.5))
+    run, outputs = repeat(pieces, poses, np.eye(4), settings, speed_limits=limits, slip=0.0)
+    along = np.array([output.arclength for output in outputs])
+    command = np.array([abs(output.v) for output in outputs])
+    true_speed = np.linalg.norm(np.diff(run.pose[:, :2], axis=0), axis=1) / World().control_period
+    begin, end = (make_path(poses).vertex_s[i] for i in (18, 30))
+    assert run.finished
+    # What is reported is where the robot will be when the command acts, known to a centimetre or two.
+    assert command[(along >= begin) & (along < end)].max() <= 0.4 + 1e-6
+    assert true_speed[(along[1:] > begin) & (along[1:] < end)].max() <= 0.43
+    assert command[along < begin - 2.5].max() > 0.9
+    assert command[along > end + 2.5].max() > 0.9
+
+
+def test_a_limit_below_the_creeping_speed_is_kept(taught):
+    pieces = [(1, 0)]
+    poses = taught(pieces)
+    _, outputs = repeat(pieces, poses, np.eye(4), speed_limits=[0.05] * len(poses))
+    assert max(output.v for output in outputs) <= 0.05 + 1e-9
+    assert outputs[-1].finished
+
+
+def test_limits_that_no_robot_reaches_change_nothing(curves, taught):
+    poses = taught(curves)
+    free, bounded = (repeat(curves, poses, speed_limits=limits)[0] for limits in ((), [1000.0] * len(poses)))
+    assert np.array_equal(free.command, bounded.command)
+
+
+def test_a_limit_that_comes_late_is_braked_down_to():
+    follower, route = PathFollower(), lay_route([(40, 0)], 0.4)
+    follower.set_route(route)
+    follower.reset_command(1.2)
+    follower.set_route(route, [0.3] * len(route))
+    speeds = [1.2]
+    for _ in range(60):
+        output = follower.update(20, np.eye(4), KNOWN, speeds[-1], 0.0, 0.0, 0.0, 0.05)
+        assert not output.reason
+        speeds.append(output.v)
+    assert np.diff(speeds).min() >= -0.5 * 0.05 - 1e-9
+    assert speeds[40] <= 0.3 + 1e-6
+    assert speeds[-1] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_route_with_too_few_speed_limits_is_refused():
+    with pytest.raises(LimitError):
+        PathFollower().set_route(lay_route([(4, 0)], 0.4), [0.5])
 
 
 def test_reports_where_the_robot_is():

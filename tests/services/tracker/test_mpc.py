@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.tracker.limits import Drive, Limits
-from services.tracker.mpc import MpcSettings, PathMpc, Reference, State, brake
+from services.tracker.mpc import MpcSettings, PathMpc, Reference, State
+from services.tracker.ramp import brake
 
 LIMITS = {
     "unicycle": Limits(speed=1.2, turn_rate=0.8, acceleration=0.5, deceleration=0.6, turn_acceleration=1.5),
@@ -96,19 +97,6 @@ def test_a_command_beyond_the_limits_is_brought_within_them():
     command = CONTROLLERS["unicycle"].solve(State(0.0, 0.0, 0.0, 3.0, 0.0, 3.0, -5.0), along(1.0, 0.0), 0.05)
     assert 0.0 <= command.v <= LIMITS["unicycle"].speed
     assert abs(command.w) <= LIMITS["unicycle"].turn_rate
-
-
-@given(st.floats(-1.2, 1.2), st.floats(-0.8, 0.8))
-def test_braking_keeps_the_arc_and_the_limits_and_comes_to_rest(v, w):
-    limits = LIMITS["unicycle"]
-    bound = max(abs(v) / limits.deceleration, abs(w) / limits.turn_acceleration)
-    for _ in range(math.ceil(bound / 0.05) + 1):
-        v_next, w_next = brake(v, w, 0.05, limits)
-        assert abs(v - v_next) <= limits.deceleration * 0.05 + ROUNDING
-        assert abs(w - w_next) <= limits.turn_acceleration * 0.05 + ROUNDING
-        assert v * w_next == pytest.approx(w * v_next, abs=1e-9)
-        v, w = v_next, w_next
-    assert (v, w) == (0.0, 0.0)
 
 
 def test_the_model_holds_over_the_horizon():

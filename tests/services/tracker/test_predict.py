@@ -76,3 +76,11 @@ def test_without_odometry_the_pose_stays():
     T, v, w = StatePredictor().predict(np.eye(4), 0.0, 1.0)
     assert np.array_equal(T, np.eye(4))
     assert (v, w) == (0.0, 0.0)
+
+
+def test_odometry_that_ended_long_ago_tells_nothing():
+    predictor = StatePredictor(BaseModel(delay=0.05, lag=0.15, history=1.0))
+    predictor.odometry(0.0, 1.0, 0.5)
+    T, v, w = predictor.predict(np.eye(4), 3600.0, 3600.0)
+    assert np.array_equal(T, np.eye(4))
+    assert (v, w) == (0.0, 0.0)

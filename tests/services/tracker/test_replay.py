@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from common.geometry import from_xy_yaw, inverse, yaw_of
-from services.tracker.limits import Drive, Limits
+from services.tracker.limits import Drive, LimitError, Limits
 from services.tracker.path import RouteError
 from services.tracker.predict import arc
 from services.tracker.replay import ActionReplay, Motion, ReplaySettings
@@ -62,9 +62,10 @@ def nearest(lesson, T, at):
     return at, float((inverse(lesson.poses[at]) @ T)[1, 3])
 
 
-def repeat(lesson, start, *, depth=6.0, noise=0.0, seconds=120.0, **settings):
+def repeat(lesson, start, *, depth=6.0, noise=0.0, seconds=120.0, speed_limits=(), **settings):
     """Commands (N, 2), lateral offsets (N,) and the last output of a repeat by one who sees bearings alone."""
     way, replay = TaughtWay(lesson.vertices), replayer(lesson, **settings)
+    replay.set_route(lesson.vertices, speed_limits)
     rng = np.random.default_rng(0)
     taught = np.concatenate([lesson.actions[:, 0], [way.length]])
     T, at, commands, lateral, output = start, 0, [], [], None
@@ -172,6 +173,29 @@ def test_what_was_taught_backwards_is_driven_backwards():
     assert output.finished
     assert commands[20:-20, 0].max() < 0.0
     assert np.abs(lateral).max() < 0.1
+
+
+def test_the_taught_speed_is_lowered_to_the_limit_of_a_stretch_and_the_curve_stays():
+    lesson = winding()
+    metres = TaughtWay(lesson.vertices).metres
+    limits = np.where((metres >= 12.0) & (metres < 20.0), 0.3, 1000.0)
+    begin, end = metres[limits < 1.0][0], metres[np.flatnonzero(limits < 1.0)[-1] + 1]
+    commands, lateral, output = repeat(lesson, np.eye(4), speed_limits=limits)
+    driven = (np.cumsum(np.abs(commands[:, 0])) - np.abs(commands[:, 0])) * DT
+    # The place is known to the distance between two taught poses.
+    slow = (driven > begin) & (driven < end - 0.05)
+    assert output.finished
+    assert commands[slow, 0].max() <= 0.3 + 1e-9
+    assert commands[driven < begin - 2.0, 0].max() == pytest.approx(0.8)
+    assert commands[driven > end + 2.0, 0].max() == pytest.approx(0.8)
+    assert np.abs(np.diff(commands[:, 0])).max() <= LIMITS.deceleration * DT + 1e-9
+    assert np.abs(lateral).max() < 0.1
+
+
+def test_limits_that_are_not_one_a_vertex_are_refused():
+    lesson = winding()
+    with pytest.raises(LimitError):
+        replayer(lesson).set_route(lesson.vertices, [0.3])
 
 
 def test_taught_stops_are_not_repeated():

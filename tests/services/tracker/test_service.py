@@ -61,13 +61,13 @@ class Crew:
             )
         )  # fmt: skip
 
-    def send_route(self, name, step=1.0):
+    def send_route(self, name, step=1.0, speed_limits=()):
         path = np.stack([from_xy_yaw(step * i, 0.0, 0.0) for i in range(LENGTH + 1)])
         vertices = [VertexId(MAP, i) for i in range(LENGTH + 1)]
         self.routes.put(
             Route(
                 id=name, environment="default", goal="end", vertices=vertices, path=path, length=step * LENGTH,
-                maps=[MAP], reason="the only map",
+                maps=[MAP], reason="the only map", speed_limits=list(speed_limits),
             )
         )  # fmt: skip
 
@@ -110,6 +110,18 @@ def test_it_steers_to_the_route_and_names_the_frame(crew):
     assert crew.desired.wait(0.3) is None
 
 
+def test_it_keeps_to_the_route_s_speed_limits(crew):
+    crew.send_route("route7", speed_limits=[0.25] * (LENGTH + 1))
+    crew.follow("route7", offset=0.0, speed=0.2)
+    crew.until_status(lambda status: status.route == "route7", "a status on the route")
+    commands = []
+    crew.until(lambda command: commands.append(command.v) or command.v > 0.24, "it drives off")
+    assert max(commands) <= 0.25 + 1e-9
+    crew.send_route("route8", speed_limits=[1000.0] * (LENGTH + 1))
+    crew.follow("route8", offset=0.0, speed=0.2)
+    crew.until(lambda command: command.v > 0.3, "it drives faster where there is no limit")
+
+
 def test_taught_actions_are_replayed_with_the_heading_corrected(crew):
     actions = [[metres, 0.4, 0.1] for metres in np.arange(-0.5, 2.0, 0.1)]
     crew.send_route("route6")
@@ -136,6 +148,19 @@ def test_it_stands_with_a_reason_without_a_place_on_the_route(crew, world, reaso
     crew.follow("route2", **world)
     crew.until(lambda command: command.v == command.w == 0.0, "it stands")
     assert reason in crew.until_status(lambda status: reason in status.reason, "a reason").reason
+
+
+@pytest.mark.parametrize("world", [{"localized_on": "another"}, {"trunk": 99}, {"offset": 1e6}])
+def test_its_next_command_is_zero_where_a_localization_cannot_be_used(crew, world):
+    name = f"route9-{next(iter(world))}"
+    crew.send_route(name)
+    crew.follow(name, trunk=1, offset=0.0)
+    crew.until(lambda command: command.v > 0.6, "it drives fast")
+    for field, value in world.items():
+        setattr(crew.world, field, value)
+    commands = []
+    crew.until(lambda command: commands.append(command) or command.v == 0.0, "it stands")
+    assert all(command.v > 0.5 for command in commands[:-1]), "safety shapes the stop, and nobody else"
 
 
 def test_a_route_that_cannot_be_is_not_followed(crew):

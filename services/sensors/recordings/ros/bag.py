@@ -23,6 +23,7 @@ from services.sensors.recordings.ros.clouds import decode_cloud
 from services.sensors.recordings.ros.frames import StaticFrames
 from services.sensors.recordings.ros.images import Rectifier, decode_image, rectifier, stereo_camera
 from services.sensors.recordings.ros.mapping import Plan, StereoSource, Wish, make_plan
+from services.sensors.recordings.ros.mcap_ros1 import Ros1Mcap, is_ros1_mcap
 from services.sensors.recordings.timeline import Entry
 
 _STATIC = "/tf_static"
@@ -210,7 +211,7 @@ def _reading(path: Path) -> Iterator[AnyReader]:
         RecordingError: it cannot be read.
     """
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        with _opened(path) as reader:
             yield reader
     except RecordingError:
         raise
@@ -221,6 +222,12 @@ def _reading(path: Path) -> Iterator[AnyReader]:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         kind = "" if isinstance(error, AnyReaderError) else " (is it cut short, or no bag?)"
         raise RecordingError(f"{path} cannot be read as a bag{kind}: {reason}") from None
+
+
+def _opened(path: Path) -> contextlib.AbstractContextManager[Any]:
+    return (
+        Ros1Mcap(path) if is_ros1_mcap(path) else AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    )
 
 
 def _messages(

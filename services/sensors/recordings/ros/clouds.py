@@ -51,14 +51,14 @@ def _structured(message: Any, topic: str) -> NDArray[Any]:  # noqa: ANN401
     if not {"x", "y", "z"} <= fields.keys():
         raise RecordingError(f"a cloud of '{topic}' has no points: its fields are {', '.join(fields) or 'none'}")
     if message.is_bigendian:
-        raise RecordingError(f"the clouds of '{topic}' are big-endian, which cannot be played")
+        raise RecordingError(f"the clouds of '{topic}' are big-endian, which are not known")
     height, width = int(message.height), int(message.width)
     step, row = int(message.point_step), int(message.row_step)
     data = np.asarray(message.data, np.uint8)
     usable = {name: kind for name, kind in fields.items() if kind[0] is not None}
     ends = [offset + np.dtype(kind).itemsize for kind, offset in usable.values()]
     if row < step * width or len(data) < row * height or max(ends) > step or width * height == 0:
-        raise RecordingError(f"a cloud of '{topic}' is not whole: restore the bag")
+        raise RecordingError(f"a cloud of '{topic}' is not whole: was it cut short?")
     dtype = np.dtype(
         {
             "names": list(usable),

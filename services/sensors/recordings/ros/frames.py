@@ -1,4 +1,4 @@
-"""Where a bag's sensors sit on its vehicle: its static transforms."""
+"""Where sensors sit on their vehicle: ROS's static transforms."""
 
 from __future__ import annotations
 
@@ -7,27 +7,35 @@ from typing import Any
 
 import numpy as np
 
-from common.geometry import Array
+from common.geometry import Array, is_transform
 
 _VEHICLES = ("base_link", "base_footprint")
 _DEEPEST = 32
+_MOST = 4096
 
 
 class StaticFrames:
     """A tree of frames that do not move against each other."""
 
-    def __init__(self, messages: Iterable[Any]) -> None:
-        """Of the messages of ``/tf_static``."""
+    def __init__(self, messages: Iterable[Any] = (), vehicles: tuple[str, ...] = _VEHICLES) -> None:
+        """Of the messages of ``/tf_static``; ``vehicles`` are names that the vehicle's own frame may have."""
+        self._vehicles = vehicles
         self._above: dict[str, tuple[str, Array]] = {}
         for message in messages:
-            for made in message.transforms:
-                self._above[_bare(made.child_frame_id)] = _bare(made.header.frame_id), _matrix(made.transform)
+            self.add(message)
+
+    def add(self, message: Any) -> None:  # noqa: ANN401, a class that rosbags makes at run time
+        """Takes another message of ``/tf_static``; what is no transform is left out."""
+        for made in message.transforms:
+            T = _matrix(made.transform)
+            if is_transform(T) and (made.child_frame_id in self._above or len(self._above) < _MOST):
+                self._above[_bare(made.child_frame_id)] = _bare(made.header.frame_id), T
 
     def T_vehicle(self, frame: str) -> Array | None:
         """``T_vehicle_frame`` (4, 4), None where the frame does not hang on the vehicle."""
         T, at = np.eye(4), _bare(frame)
         for _ in range(_DEEPEST):
-            if at in _VEHICLES:
+            if at in self._vehicles:
                 return T
             if at not in self._above:
                 return None

@@ -1,4 +1,4 @@
-"""ROS's images and camera infos: decoded, and rectified where the bag has raw ones."""
+"""ROS's images and camera infos: decoded, and rectified where they are raw."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ def decode_image(message: Any, topic: str) -> Image:  # noqa: ANN401, a class th
     if "Compressed" in type(message).__name__:
         decoded = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_ANYCOLOR)
         if decoded is None:
-            raise RecordingError(f"an image of '{topic}' cannot be decoded: restore the bag")
+            raise RecordingError(f"an image of '{topic}' cannot be decoded: was it cut short?")
         return np.asarray(decoded if decoded.ndim == 2 else cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), np.uint8)
     if message.encoding not in _CONVERSIONS:
-        raise RecordingError(f"'{topic}' is encoded as '{message.encoding}': {', '.join(_CONVERSIONS)} can be played")
+        raise RecordingError(f"'{topic}' is encoded as '{message.encoding}': {', '.join(_CONVERSIONS)} are known")
     channels, conversion = _CONVERSIONS[message.encoding]
     height, width, step = int(message.height), int(message.width), int(message.step)
     bytes_each = 2 if "16" in message.encoding else 1
     row = width * channels * bytes_each
     data = np.asarray(message.data, np.uint8)
     if step < row or len(data) < step * height or row == 0:
-        raise RecordingError(f"an image of '{topic}' is not whole: restore the bag")
+        raise RecordingError(f"an image of '{topic}' is not whole: was it cut short?")
     rows = data[: step * height].reshape(height, step)[:, :row]
     if bytes_each == 2:
         return np.ascontiguousarray(rows[:, (0 if message.is_bigendian else 1) :: 2])
@@ -65,7 +65,7 @@ def decode_image(message: Any, topic: str) -> Image:  # noqa: ANN401, a class th
 
 @dataclass(frozen=True, slots=True)
 class Rectifier:
-    """Brings a raw image to the rectified one; None for ``maps`` where that is what the bag has."""
+    """Brings a raw image to the rectified one; None for ``maps`` where it is one already."""
 
     maps: tuple[NDArray[Any], NDArray[Any]] | None
 
@@ -101,7 +101,7 @@ def stereo_camera(
     T_vehicle_optical: Array | None,
     topics: tuple[str, str],
 ) -> StereoCamera:
-    """The rectified pair's camera; ``T_vehicle_optical`` is of the raw left one, None where the bag does not tell.
+    """The rectified pair's camera; ``T_vehicle_optical`` is of the raw left one, None where it is not known.
 
     Raises:
         RecordingError: a camera is not calibrated, or the two are no rectified pair.

@@ -47,7 +47,7 @@ def test_a_live_pair_is_localized_from_a_rough_prior(taught, live):
     result = LOCALIZER.localize(taught, live, prior)
     assert result.success, result.reason
     assert _distance(result) < (0.03, 0.3)
-    assert result.inliers == len(result.inlier_landmarks) > 30
+    assert result.inliers == len(result.inlier_landmarks) == len(result.inlier_places) > 30
     expected = in_vehicle_frames(result.T_map_live, CAMERA.T_vehicle_camera)
     np.testing.assert_allclose(result.T_map_live_vehicle.T, expected.T)
 

@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from common import geometry
 from services.sensors.calibration.board import Board
 from services.sensors.calibration.calibrate import calibrate
 from services.sensors.calibration.errors import CalibrationError
 from services.sensors.calibration.report import vertical_errors
+from services.sensors.calibration.rig import Lens, StereoRig
 from services.sensors.calibration.simulation import BOARD, SIZE, BoardRenderer, simulated_poses, simulated_rig
 from services.sensors.calibration.views import MIN_VIEWS
 
@@ -36,6 +38,56 @@ def test_the_cameras_are_recovered(result):
     assert found.baseline == pytest.approx(truth.baseline, rel=2e-3)
     assert np.degrees(np.linalg.norm(cv2.Rodrigues(found.R @ truth.R.T)[0])) < 0.1
     assert result.quality.rms < 0.3
+
+
+def rig(size, focal, distortion, baseline):
+    """Two lenses that differ by a hundredth, and are not quite parallel."""
+    width, height = size
+    left = Lens(focal, 1.002 * focal, width / 2 - 4.3, height / 2 + 3.1, np.array(distortion))
+    right = Lens(1.01 * focal, 1.011 * focal, width / 2 + 5.2, height / 2 - 2.4, 0.97 * np.array(distortion))
+    return StereoRig(
+        width, height, left, right, geometry.so3_exp([0.01, -0.015, 0.006]), np.array([-baseline, 0.0015, 0.002])
+    )
+
+
+@pytest.mark.parametrize(
+    ("board", "truth", "look"),
+    [
+        (
+            Board(8, 6, 0.05, 0.037, "6X6_250"),
+            rig((752, 480), 400.0, (-0.3, 0.12, 0.0003, 0.0002, -0.022), 0.11),
+            {"blur": 0.6, "noise": 3.0, "vignetting": 0.6},
+        ),
+        (
+            Board(6, 4, 0.06, 0.045, "APRILTAG_36h11"),
+            rig((640, 480), 600.0, (0.12, -0.05, 0.001, 0.001, 0.0), 0.06),
+            {"blur": 0.9, "noise": 4.0, "vignetting": 0.4},
+        ),
+        (
+            Board(9, 6, 0.03, 0.022, "4X4_50"),
+            rig((400, 300), 300.0, (-0.2, 0.06, 0.0005, 0.0005, 0.0), 0.2),
+            {"blur": 0.6, "noise": 2.0, "vignetting": 0.3},
+        ),
+    ],
+    ids=["wide with dark corners", "pincushion, soft and noisy", "coarse with a long baseline"],
+)
+def test_other_boards_and_lenses_are_recovered_too(board, truth, look):
+    result = calibrate(BoardRenderer(truth, board).framed(15, **look), board)
+    found = result.found.solution.rig
+    for lens, true in ((found.left, truth.left), (found.right, truth.right)):
+        assert [lens.fx, lens.fy] == pytest.approx([true.fx, true.fy], rel=2e-3)
+    assert found.baseline == pytest.approx(truth.baseline, rel=2e-3)
+    assert result.quality.rms < 0.3
+
+
+def test_mirrored_images_are_refused(good_set):
+    few = good_set[:4]
+    mirrored = [(name, left[:, ::-1].copy(), right[:, ::-1].copy()) for name, left, right in few]
+    assert "the images are mirrored" in refusal(mirrored)
+    assert "the images are mirrored" in refusal(mirrored, any_dictionary=True)
+    assert "one camera's images are mirrored" in refusal(
+        [(n, left, m) for (n, left, _), (_, _, m) in zip(few, mirrored, strict=True)]
+    )
 
 
 def test_what_is_uncertain_is_said_in_proportion(renderer, result):

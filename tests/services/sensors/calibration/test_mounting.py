@@ -75,7 +75,7 @@ def test_the_height_is_the_one_that_was_measured():
     motions = drive(eight(1))
     low, high = mount(*motions, height=0.2), mount(*motions, height=1.2)
     assert low.T_vehicle_camera[2, 3] == 0.2
-    assert np.allclose(low.T_vehicle_camera[:2], high.T_vehicle_camera[:2])
+    assert np.allclose(low.T_vehicle_camera[:2], high.T_vehicle_camera[:2], atol=3e-3)
 
 
 def test_a_camera_that_looks_backwards_or_steeply_down():
@@ -92,11 +92,50 @@ def test_a_camera_that_looks_backwards_or_steeply_down():
         (np.tile([0.6, 0.0], (100, 1)), "figure of eight"),
         (np.tile([0.6, 0.5], (300, 1)), "figure of eight"),
         (np.tile([0.0, 0.0], (300, 1)), "figure of eight"),
+        (eight(1)[:80], "figure of eight"),
     ],
 )
 def test_a_drive_that_cannot_tell_is_refused(commands, words):
     with pytest.raises(CalibrationError, match=words):
         mount(*drive(commands))
+
+
+def test_wheels_that_slip_all_the_time_are_refused():
+    camera, wheels = drive(eight())
+    spinning = np.random.default_rng(3).random(len(wheels)) < 0.3
+    wheels[spinning, :2] *= 3.0
+    with pytest.raises(CalibrationError, match="the wheels slip"):
+        mount(camera, wheels)
+
+
+def test_wheels_that_skid_in_every_turn_do_no_harm_and_are_told():
+    """A skid-steered base reports more turn than there is; what its camera has turned is what counts."""
+    camera, wheels = drive(eight())
+    wheels[:, 2] *= 1.3
+    found = mount(camera, wheels, height=0.74)
+    assert np.degrees(np.abs(angles(found.T_vehicle_camera) - angles(TRUTH.transform()))).max() < 0.5
+    assert found.turn_scale == pytest.approx(1 / 1.3, abs=0.02)
+    assert any("turns are 1.3" in warning for warning in found.warnings)
+
+
+def test_a_wrong_sign_of_the_wheels_is_pointed_at():
+    camera, wheels = drive(eight())
+    assert any("upside down" in warning for warning in mount(camera, wheels * [1, -1, -1]).warnings)
+    assert any("backwards" in warning for warning in mount(camera, wheels * [-1, -1, 1]).warnings)
+
+
+def test_ground_that_is_a_bowl_does_not_tilt_the_camera():
+    """Driving in circles on a sphere of 150 m pitches the vehicle as steadily as a camera that looks too far down."""
+    commands, radius = eight(1), 150.0
+    v, w = commands.T / RATE
+    A = geometry.exp(np.column_stack([v, 0 * v, 0 * v, 0 * v, -v / radius, w]))
+    X = TRUTH.transform()
+    rng = np.random.default_rng(1)
+    B = geometry.inverse(X) @ A @ X @ geometry.exp(rng.normal(0.0, 1.0, (len(A), 6)) * ([0.001] * 3 + [0.0003] * 3))
+    chord = v * np.sinc(w / 2 / np.pi)
+    wheels = np.column_stack([chord * np.cos(w / 2), chord * np.sin(w / 2), w])
+    found = mount(B, wheels, height=0.74)
+    assert np.degrees(np.abs(angles(found.T_vehicle_camera) - angles(X))).max() < 0.15
 
 
 def test_too_much_noise_is_refused():

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -19,12 +20,37 @@ from services.sensors.recordings.opening import Names, open_timeline
 from services.sensors.recordings.ros import is_bag, open_bag, parse_map
 
 TF = "tf2_msgs/msg/TFMessage"
-KINDS = ("ros1", "sqlite3", "mcap")
+KINDS = ("ros1", "sqlite3", "mcap", "ros1 in mcap")
 MS = 1_000_000
 START = 1_700_000_000_000 * MS
 FRAMES = 5
 SIZE = (48, 64)
 FX, BASELINE = 50.0, 0.12
+
+
+class Converted:
+    """ROS 1's messages in MCAP, as ``mcap convert`` writes them."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def open(self):
+        self._stream = self._path.open("wb")
+        self._writer = McapWriter(self._stream)
+        self._writer.start(profile="ros1", library="mcap convert")
+
+    def close(self):
+        self._writer.finish()
+        self._stream.close()
+
+    def add_connection(self, topic, name, typestore):
+        text, _ = typestore.generate_msgdef(name, ros_version=1)
+        kind = name.replace("/msg/", "/")
+        schema = self._writer.register_schema(name=kind, encoding="ros1msg", data=text.encode())
+        return self._writer.register_channel(topic=topic, message_encoding="ros1", schema_id=schema)
+
+    def write(self, channel, time, data):
+        self._writer.add_message(channel, log_time=time, publish_time=time, data=bytes(data))
 
 
 @dataclass
@@ -35,8 +61,9 @@ class Bag:
     path: Path
 
     def __post_init__(self):
-        self.store = get_typestore(Stores.ROS1_NOETIC if self.kind == "ros1" else Stores.ROS2_HUMBLE)
-        if self.kind == "ros1":
+        self.ros1 = self.kind.startswith("ros1")
+        self.store = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
+        if self.ros1:
             self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
         self.t = self.store.types
         self._connections = {}
@@ -44,6 +71,8 @@ class Bag:
     def __enter__(self):
         if self.kind == "ros1":
             self._writer = Writer1(self.path)
+        elif self.ros1:
+            self._writer = Converted(self.path)
         else:
             plugin = StoragePlugin.MCAP if self.kind == "mcap" else StoragePlugin.SQLITE3
             self._writer = Writer2(self.path, version=9, storage_plugin=plugin)
@@ -57,12 +86,12 @@ class Bag:
         name = message.__msgtype__
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, name, typestore=self.store)
-        serialize = self.store.serialize_ros1 if self.kind == "ros1" else self.store.serialize_cdr
+        serialize = self.store.serialize_ros1 if self.ros1 else self.store.serialize_cdr
         self._writer.write(self._connections[topic], time, serialize(message, name))
 
     def header(self, stamp, frame="camera"):
         time = self.t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        more = {"seq": 0} if self.kind == "ros1" else {}
+        more = {"seq": 0} if self.ros1 else {}
         return self.t["std_msgs/msg/Header"](stamp=time, frame_id=frame, **more)
 
     def image(self, stamp, pixels, encoding="mono8"):
@@ -80,7 +109,7 @@ class Bag:
     def info(self, stamp, *, right=False, D=(0.0,) * 5, frame="camera", fx=FX):
         K = np.array([fx, 0, 31.5, 0, fx, 23.5, 0, 0, 1.0])
         P = np.array([fx, 0, 31.5, -fx * BASELINE if right else 0.0, 0, fx, 23.5, 0, 0, 0, 1.0, 0])
-        names = "DKRP" if self.kind == "ros1" else "dkrp"
+        names = "DKRP" if self.ros1 else "dkrp"
         matrices = dict(zip(names, (np.array(D), K, np.eye(3).ravel(), P), strict=True))
         roi = self.t["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         return self.t["sensor_msgs/msg/CameraInfo"](
@@ -161,7 +190,8 @@ def at(number):
 
 @pytest.fixture(params=KINDS)
 def bag(request, tmp_path):
-    return Bag(request.param, tmp_path / ("drive.bag" if request.param == "ros1" else "drive"))
+    names = {"ros1": "drive.bag", "ros1 in mcap": "drive.mcap"}
+    return Bag(request.param, tmp_path / names.get(request.param, "drive"))
 
 
 def write_stereo(bag, *, infos=True, odometry=True, right_late=0):
@@ -399,6 +429,15 @@ def test_a_foreign_file_and_a_missing_one_are_one_sentence_each(tmp_path):
     fake.write_bytes(b"#ROSBAG V2.0\n" + bytes(500))
     with pytest.raises(RecordingError, match=r"fake\.bag"):
         open_timeline(fake, [], Names())
+
+
+def test_an_mcap_of_another_kind_is_named(tmp_path):
+    with (tmp_path / "other.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="x-log")
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"profile 'x-log', which cannot be played"):
+        open_timeline(tmp_path / "other.mcap", [], Names())
 
 
 def test_jackals_wheels_are_played(data_dir):

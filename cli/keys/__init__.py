@@ -1,0 +1,1 @@
+"""``vtr keys``: a small certificate authority for one fleet, in a folder."""

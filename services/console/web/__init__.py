@@ -1,0 +1,1 @@
+"""HTTP and WebSocket: how pages come to browsers, and browsers' wishes to pages."""
