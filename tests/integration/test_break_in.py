@@ -5,6 +5,7 @@ The server's, the robot's and the people's files are those of deploy/secure, on 
 
 from __future__ import annotations
 
+import queue
 import re
 import time
 from datetime import timedelta
@@ -12,6 +13,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 import structlog
+import zenoh
 
 from cli.__main__ import run
 from common import logs, topics, wire
@@ -44,7 +46,7 @@ from tests.integration.intruder import (
     send,
 )
 from tests.integration.secured import OTHER, ROBOT, Fleet, answers, refused_at_the_door
-from tests.processes import eventually, every
+from tests.processes import DEADLINE_S, eventually, every
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -323,7 +325,11 @@ def test_a_revoked_certificate_is_put_out_and_does_not_come_back(fleet, operator
         eventually(lambda: fleet.server.ended("router"), "the router ends, to be started anew")
         fleet.server.start("router")
         logged(fleet.server, "refused", who=name, what="link", reason="the certificate is revoked")
-        eventually(lambda: not viewer.connected(), "the viewer's link is ended")
+        links: queue.SimpleQueue[zenoh.LinkEvent] = queue.SimpleQueue()
+        listener = viewer.session.info.declare_link_events_listener(links.put)
+        ended = links.get(timeout=DEADLINE_S)
+        listener.undeclare()
+        assert ended.kind == zenoh.SampleKind.DELETE
     assert never_gets_through(fleet.viewer)
     presence = operator.presence()
     eventually(lambda: presence.alive() >= PROCESSES, "the operator is linked to the robot again", 30)
