@@ -217,6 +217,7 @@ class _WholeFile:
         self._pieces: list[bytes] = []
         self._gathered = 0
         self._whole = 0
+        self._flushed = 0
 
     def write(self, piece: bytes) -> int:
         """Gathers the bytes of one record, or of several."""
@@ -232,8 +233,14 @@ class _WholeFile:
         return self._whole + self._gathered
 
     def flush(self) -> None:
-        """As the library calls :meth:`commit`."""
+        """As the library calls :meth:`commit`; what was written before the flush before leaves the system's cache.
+
+        Else a long recording would take all of the cache, and each page that it takes costs more than its writing.
+        """
         self.commit()
+        if hasattr(os, "posix_fadvise") and self._flushed:
+            os.posix_fadvise(self._descriptor, 0, self._flushed, os.POSIX_FADV_DONTNEED)
+        self._flushed = self._whole
 
     def commit(self) -> None:
         """Writes what was gathered; the file is whole before and after."""
