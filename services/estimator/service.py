@@ -11,18 +11,18 @@ import structlog
 
 from common import messages as m
 from common import topics
-from common.errors import BusError
 from common.geometry import Array, Uncertain
 from common.ids import VertexId
 from common.service import Service
 from services.estimator import relocalization
+from services.estimator.anchor import Anchor
 from services.estimator.committer import Committer
-from services.estimator.experience import ExperienceRecorder, Place
+from services.estimator.experience import Place
 from services.estimator.experience_loader import ExperienceLoader
 from services.estimator.joints import JointBehind, JointSearch
 from services.estimator.merging import ClosureSearch
 from services.estimator.pipeline import Localized, Pipeline, Step
-from services.estimator.reckoning import DeadReckoning
+from services.estimator.recording import Recording
 from services.estimator.relocalization import Finder
 from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
 from services.estimator.route_map import RouteMap
@@ -67,6 +67,8 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._closures = bus.publisher(topics.LOOP_CLOSURE)
         self._committer = Committer(lambda commit: bus.ask(topics.COMMIT, commit, _ASK_S), service.stop)
         self._submaps: SubmapCache[Submap] = SubmapCache(self._fetch, self._read)
+        self._anchor = Anchor()
+        self._recording: Recording[Live, Submap] = Recording(service, self._committer, self._submaps, self._anchor)
         self._experiences = ExperienceLoader(self._topology, settings.experiences)
         self._finder: Finder[Live, Submap] = Finder(
             bus.ask,
@@ -79,15 +81,11 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._wheels_stamp: int | None = None
         self._calibration: Hashable = None
         self._pipeline: FramePipeline[Frame, Live, Submap] | None = None
-        self._recorder: ExperienceRecorder[Live, Submap] | None = None
         self._localizer: RouteLocalizer[Live, Submap] | None = None
         self._localizing: tuple[str, VertexId | None] | None = None
         self._joint: JointSearch[Live, Submap] | None = None
         self._behind: JointBehind | None = None
         self._closure: ClosureSearch[Live, Submap] | None = None
-        self._anchor: VertexId | None = None
-        self._T_anchor_live = DeadReckoning()
-        self._joined: VertexId | None = None
         self._last_step: Step[Live] | None = None
         self._last_success = time.monotonic()
 
@@ -111,7 +109,7 @@ class Estimator(Generic[Frame, Live, Submap]):
             received = self._frames.wait(_FRAME_WAIT_S)
             state = self._states.last()
             if state is not None:
-                self._end_recording(state.message)
+                self._recording.end(state.message, self._last_step)
             if received is not None:
                 try:
                     with service.stage("frame"):
@@ -127,13 +125,13 @@ class Estimator(Generic[Frame, Live, Submap]):
         step = pipeline.take(frame, self._driven(frame.stamp))
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
-        self._T_anchor_live.move(step)
+        self._anchor.move(step)
         if self._behind is not None:
             self._behind.move(step)
         self._publish_odometry(step)
         if state is not None:
             localized = self._localize(pipeline, step, state)
-            self._record(pipeline, step, state, localized)
+            self._recording.step(pipeline, step, state, localized)
             self._merge(pipeline, step, state)
         self._finder.see(step, idle=state is None or state.name == m.StateName.IDLE)
         self._last_step = step
@@ -162,14 +160,8 @@ class Estimator(Generic[Frame, Live, Submap]):
             self._calibration = calibration
             self._finder.searcher = self._sensor.searcher(frame)
             self._localizer, self._localizing, self._last_step = None, None, None
-            self._T_anchor_live, self._anchor = DeadReckoning(), None
+            self._anchor.forget()
         return self._pipeline
-
-    def _anchor_at(self, place: Place | None) -> None:
-        """Odometry is told from this vertex on."""
-        if place is not None:
-            self._anchor = place[0]
-            self._T_anchor_live.start(place[1])
 
     # --- localization ------------------------------------------------------------------------------------------------
 
@@ -193,8 +185,8 @@ class Estimator(Generic[Frame, Live, Submap]):
             result = localizer.follow(step) if self._is_following(state, localizer) else localizer.search(step)
         if result.success:
             self._last_success = time.monotonic()
-            self._anchor_at(localizer.trunk_and_leaf())
-            self._joined = self._anchor if state.name == names.TEACH_METRIC_LOCALIZE else None
+            self._anchor.set(localizer.trunk_and_leaf())
+            self._anchor.joined = self._anchor.vertex if state.name == names.TEACH_METRIC_LOCALIZE else None
             self._join(localizer, step)
         self._publish_localization(step, state, localizer, result)
         return localizer.branch_and_leaf() if result.success else None
@@ -308,11 +300,11 @@ class Estimator(Generic[Frame, Live, Submap]):
             self._matches.put(m.Matches(stamp=step.stamp, stream=result.stream, success=result.success, pixels=pixels))
 
     def _publish_odometry(self, step: Step[Live]) -> None:
-        estimate = Uncertain.identity() if self._anchor is None else self._T_anchor_live.T_reference_live
+        estimate = self._anchor.T_vertex_live
         self._odometry.put(
             m.Odometry(
                 stamp=step.stamp,
-                vertex=self._anchor,
+                vertex=self._anchor.vertex,
                 T_vertex_robot=estimate.T,
                 covariance=estimate.covariance,
                 twist=step.twist,
@@ -323,35 +315,12 @@ class Estimator(Generic[Frame, Live, Submap]):
             )
         )
 
-    # --- recording ---------------------------------------------------------------------------------------------------
-
-    def _record(
-        self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State, localized: Place | None
-    ) -> None:
-        """Makes vertices while a map is taught, or an experience recorded in a repeat."""
-        teaching = state.name in (m.StateName.TEACH_BRANCH, m.StateName.TEACH_MERGE)
-        following = state.name == m.StateName.REPEAT_FOLLOW
-        if state.map is None or not (teaching or following):
-            if self._recorder is not None:
-                self._recorder.move(step)
-            return
-        if self._recorder is None:
-            self._recorder = self._recorder_for(pipeline, step, state.map)
-            if self._recorder is None or (following and localized is None):
-                return
-        with self._service.stage("vertex"):
-            commit = self._recorder.step(step, localized)
-        if teaching:
-            self._anchor_at(self._recorder.last)
-        if commit is not None:
-            self._committer.put(commit)
-            if commit.vertex is not None:
-                self._submaps.put(commit.vertex.id, pipeline.read(commit.vertex))
+    # --- merging -----------------------------------------------------------------------------------------------------
 
     def _merge(self, pipeline: Pipeline[Live, Submap], step: Step[Live], state: m.State) -> None:
         """Looks for a loop closure of the map that is being taught, until one is offered."""
         merging = state.name == m.StateName.TEACH_MERGE and state.candidates and state.closure is None
-        last = None if self._recorder is None else self._recorder.last
+        last = self._recording.last
         if not merging or last is None or not step.success:
             self._closure = None
             return
@@ -363,44 +332,6 @@ class Estimator(Generic[Frame, Live, Submap]):
             found = self._closure.look(last, step)
         if found is not None:
             self._closures.put(found)
-
-    def _recorder_for(
-        self, pipeline: Pipeline[Live, Submap], step: Step[Live], record: m.MapRecord
-    ) -> ExperienceRecorder[Live, Submap] | None:
-        """A recorder for a new map, or for one that this process began in an earlier life; None while that is open."""
-        try:
-            stored: m.MapList = self._service.bus.ask(topics.MAPS, m.GraphQuery(environment=record.environment), _ASK_S)
-        except BusError:
-            return None
-        vertices = next((found.vertices for found in stored.maps if found.record.id == record.id), 0)
-        if vertices == 0:
-            joined = None
-            if self._anchor is not None and self._anchor == self._joined:
-                joined = self._anchor, self._T_anchor_live.T_reference_live
-            return ExperienceRecorder(record, pipeline, joined=joined)
-        last = VertexId(record.id, vertices - 1)
-        self._submaps.want([last])
-        submap = self._submaps.get(last)
-        if submap is None:
-            return None
-        result = pipeline.search(submap, step.live)
-        if not result.success:
-            return None
-        log.info("a recording is taken up again", map=record.id, vertex=last.index)
-        return ExperienceRecorder(record, pipeline, last=(last, result.T_vertex_live))
-
-    def _end_recording(self, state: m.State) -> None:
-        """Ends the recorded map once the navigator's state no longer holds it."""
-        recorder = self._recorder
-        if recorder is None or (state.map is not None and state.map.id == recorder.record.id):
-            return
-        self._recorder = None
-        if recorder.last is None:
-            return
-        commit = recorder.finish(self._last_step)
-        self._committer.put(commit)
-        if commit.vertex is not None and recorder.record.generation == 0:
-            self._anchor_at(recorder.last)
 
     # --- submaps -----------------------------------------------------------------------------------------------------
 
