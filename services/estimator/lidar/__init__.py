@@ -8,7 +8,7 @@ from services.estimator.lidar.beams import ScanError
 from services.estimator.lidar.features import FeatureError, Landmarks, LidarFeatures
 from services.estimator.lidar.localization import LidarLocalizer, LocalizationResult
 from services.estimator.lidar.mapping import LidarSubmap, local_map
-from services.estimator.lidar.odometry import LidarOdometry, OdometryResult
+from services.estimator.lidar.odometry import LidarOdometry
 from services.estimator.lidar.preprocessing import LidarFrame, preprocess
 from services.estimator.lidar.settings import LidarSettings
 from services.estimator.lidar.warm_up import warm_up
@@ -23,7 +23,6 @@ __all__ = [
     "LidarSettings",
     "LidarSubmap",
     "LocalizationResult",
-    "OdometryResult",
     "ScanError",
     "local_map",
     "preprocess",

@@ -7,7 +7,7 @@ for, so no points are registered by their shape.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -24,47 +24,12 @@ from services.estimator.lidar.features import Landmarks, LidarFeatures
 from services.estimator.lidar.preprocessing import LidarFrame, preprocess
 from services.estimator.lidar.search import search
 from services.estimator.lidar.settings import LidarSettings
+from services.estimator.odometry_result import OdometryResult, first_result, why_not
 
 _NARROW = np.diag(np.repeat([0.05, 0.01], 3) ** 2)
 """Covariance around a pose that is looked at once more, beside its own: metres and radians."""
 _MAX_MISFITS = 10
 """After as many scans in a row that do not fit, the lidar is taken to be another one than was thought."""
-
-
-@dataclass(frozen=True, slots=True)
-class OdometryResult:
-    """What odometry says about one scan. All transforms are between lidar frames.
-
-    Attributes:
-        stamp_ns: of the scan.
-        success: whether the motion was measured; if not, every transform is the prior's, its covariance grown.
-        reason: why not, in one sentence; empty on success.
-        T_odom_live: (4, 4), live scan in the frame of the first.
-        T_previous_live: motion since the scan processed before, with covariance.
-        T_keyframe_live: motion since the keyframe that was matched, with covariance.
-        keyframe: running number of that keyframe, 0 for the first; a scan with ``is_keyframe`` is the next one, or the
-            first. Motions since different keyframes have independent errors; those since the same one share the errors
-            of its landmarks, so that covariances add up per keyframe only.
-        is_keyframe: whether later scans are matched against this one.
-        matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
-        rms: root mean square distance of the inliers, metres.
-        frame: the preprocessed scan, its features corrected for the motion within the turn.
-        milliseconds: time spent, by stage: "features", "match", "solve".
-    """
-
-    stamp_ns: int
-    success: bool
-    reason: str
-    T_odom_live: Array
-    T_previous_live: Uncertain
-    T_keyframe_live: Uncertain
-    keyframe: int
-    is_keyframe: bool
-    matches: int
-    inliers: int
-    rms: float
-    frame: LidarFrame
-    milliseconds: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +91,7 @@ class LidarOdometry:
         self._failures = 0
         self._number = 0
 
-    def process(self, scan: LidarScan, prior: Uncertain | None = None) -> OdometryResult:
+    def process(self, scan: LidarScan, prior: Uncertain | None = None) -> OdometryResult[LidarFrame]:
         """Motion of the lidar up to this scan.
 
         ``prior`` is ``T_previous_live`` between lidar frames, from wheel odometry, say; without it the lidar is
@@ -272,28 +237,14 @@ class LidarOdometry:
             solution = None
         return _Measured(live, twist, matches, solution)
 
-    def _start(self, frame: LidarFrame, times: dict[str, float]) -> OdometryResult:
+    def _start(self, frame: LidarFrame, times: dict[str, float]) -> OdometryResult[LidarFrame]:
         """The first scan: nothing to compare it with."""
-        enough = len(frame.features) >= self.settings.odometry.min_inliers
-        if enough:
+        few = self._few(frame)
+        if not few:
             still = self._corrected(frame.features, np.zeros(6))
             self._keyframe = _Keyframe(frame.features, still.landmarks(), np.zeros((6, 6)))
             self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None, np.eye(4))
-        return OdometryResult(
-            stamp_ns=frame.stamp_ns,
-            success=enough,
-            reason="" if enough else f"the scan shows only {len(frame.features)} keypoints",
-            T_odom_live=self._T_odom_keyframe.copy(),
-            T_previous_live=Uncertain.identity(),
-            T_keyframe_live=Uncertain.identity(),
-            keyframe=self._number,
-            is_keyframe=enough,
-            matches=0,
-            inliers=0,
-            rms=0.0,
-            frame=frame,
-            milliseconds=times,
-        )
+        return first_result(frame.stamp_ns, frame, few, self._number, self._T_odom_keyframe, times)
 
     def _conclude(
         self,
@@ -303,7 +254,7 @@ class LidarOdometry:
         predicted: Uncertain,
         measured: _Measured,
         times: dict[str, float],
-    ) -> OdometryResult:
+    ) -> OdometryResult[LidarFrame]:
         """Take over what was measured, or the prior where nothing was."""
         solution = measured.solution
         success = solution is not None
@@ -330,7 +281,7 @@ class LidarOdometry:
         result = OdometryResult(
             stamp_ns=frame.stamp_ns,
             success=success,
-            reason="" if success else self._why_not(frame, measured.matches),
+            reason="" if success else why_not(self._few(frame), measured.matches, self.settings.odometry.min_inliers),
             T_odom_live=T_odom_live,
             T_previous_live=T_previous_live,
             T_keyframe_live=T_keyframe_live,
@@ -354,14 +305,10 @@ class LidarOdometry:
         self._motion = _Motion(frame.stamp_ns, last, known, T_live_middle)
         return result
 
-    def _why_not(self, frame: LidarFrame, matches: int) -> str:
-        """One sentence for a failure."""
-        needed = self.settings.odometry.min_inliers
-        if len(frame.features) < needed:
-            return f"the scan shows only {len(frame.features)} keypoints"
-        if matches < needed:
-            return f"only {matches} landmarks of the keyframe were found again"
-        return f"the {matches} matched landmarks do not agree on a motion"
+    def _few(self, frame: LidarFrame) -> str:
+        """What is said of a frame that shows too little, else nothing."""
+        shown = len(frame.features)
+        return "" if shown >= self.settings.odometry.min_inliers else f"the scan shows only {shown} keypoints"
 
     def _is_keyframe_due(self, features: int, T_keyframe_live: Array, inliers: int, *, success: bool) -> bool:
         """Whether the live scan replaces the keyframe."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,29 +14,15 @@ from common import geometry
 from common.errors import RetraverseError
 from common.lidar import LidarScan
 from services.estimator.lidar import LidarOdometry, LidarSettings, ScanError
-from services.estimator.lidar import OdometryResult as LidarResult
 from services.estimator.lidar import warm_up as warm_up_lidar
+from services.estimator.lidar.preprocessing import LidarFrame
+from services.estimator.odometry_result import OdometryResult
 from services.estimator.offline.recording import LidarRecording, OnFrame, Recording
 from services.estimator.stereo import StereoOdometry, StereoSettings, warm_up
 from services.estimator.stereo.window import WindowAdjuster
 
 Array = NDArray[np.float64]
 Frame = TypeVar("Frame")
-
-
-class Result(Protocol):
-    """What any sensor's odometry says about a frame."""
-
-    @property
-    def T_odom_live(self) -> Array: ...  # noqa: D102 - see the sensor's own
-    @property
-    def success(self) -> bool: ...  # noqa: D102
-    @property
-    def reason(self) -> str: ...  # noqa: D102
-    @property
-    def inliers(self) -> int: ...  # noqa: D102
-    @property
-    def milliseconds(self) -> dict[str, float]: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +106,7 @@ def run_lidar_odometry(
     warm_up_lidar(settings)
     odometry = LidarOdometry(settings)
 
-    def step(index: int, scan: LidarScan) -> LidarResult:
+    def step(index: int, scan: LidarScan) -> OdometryResult[LidarFrame]:
         try:
             return odometry.process(scan)
         except ScanError as error:
@@ -129,7 +115,9 @@ def run_lidar_odometry(
     return collect(recording, step, on_frame)
 
 
-def collect(frames: Iterable[Frame], process: Callable[[int, Frame], Result], on_frame: OnFrame | None) -> OdometryRun:
+def collect(
+    frames: Iterable[Frame], process: Callable[[int, Frame], OdometryResult[Any]], on_frame: OnFrame | None
+) -> OdometryRun:
     """What ``process`` makes of the frames, of which each is let go: a long recording does not fit in memory."""
     kept: list[tuple[Array, bool, str, int, dict[str, float]]] = []
     spent: list[tuple[float, float]] = []

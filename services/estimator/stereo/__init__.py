@@ -7,7 +7,7 @@ Nothing here knows what an image stands for: the same pipeline runs on plain ima
 from services.estimator.stereo.features import FeatureError, FeatureSet, StereoFrame
 from services.estimator.stereo.localization import LocalizationResult, StereoLocalizer
 from services.estimator.stereo.mapping import join, local_map, move
-from services.estimator.stereo.odometry import OdometryResult, StereoOdometry
+from services.estimator.stereo.odometry import StereoOdometry
 from services.estimator.stereo.preprocessing import ImageError, preprocess
 from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.warm_up import warm_up
@@ -18,7 +18,6 @@ __all__ = [
     "FeatureSet",
     "ImageError",
     "LocalizationResult",
-    "OdometryResult",
     "StereoFrame",
     "StereoLocalizer",
     "StereoOdometry",

@@ -5,7 +5,7 @@ One keyframe serves as long as enough of it is seen: errors then add up per keyf
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -16,6 +16,7 @@ from common import geometry
 from common.camera import StereoCamera
 from common.geometry import Uncertain
 from services.estimator import motion_model
+from services.estimator.odometry_result import OdometryResult, first_result, why_not
 from services.estimator.stereo import matching, model, solver
 from services.estimator.stereo.features import StereoFrame
 from services.estimator.stereo.preprocessing import preprocess
@@ -24,45 +25,6 @@ from services.estimator.stereo.settings import StereoSettings
 from services.estimator.stereo.window import Links, WindowAdjuster, WindowKeyframe
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class OdometryResult:
-    """What odometry says about one stereo pair. All transforms are between left optical frames.
-
-    Attributes:
-        stamp_ns: of the pair.
-        success: whether the motion was measured; if not, every transform is the prior's, its covariance grown.
-        reason: why not, in one sentence; empty on success.
-        T_odom_live: (4, 4), live pair in the frame of the first.
-        T_previous_live: motion since the pair processed before, with covariance.
-        T_keyframe_live: motion since the keyframe that was matched, with covariance.
-        keyframe: running number of that keyframe, 0 for the first; a pair with ``is_keyframe`` is the next one, or the
-            first. Motions since different keyframes have independent errors but for those of the calibration; motions
-            since the same one share the errors of its landmarks, so that covariances add up per keyframe only.
-        T_previous_keyframe: motion from the keyframe before to that one, as bundle adjustment knows it by now; None
-            while it has nothing to say of it.
-        is_keyframe: whether later pairs are matched against this one.
-        matches, inliers: landmarks of the keyframe found again, and those that agree on the motion.
-        rms: root mean square error of the inliers in the left image, pixels.
-        frame: the preprocessed pair, for mapping and localization.
-        milliseconds: time spent, by stage: "features", "match", "solve".
-    """
-
-    stamp_ns: int
-    success: bool
-    reason: str
-    T_odom_live: Array
-    T_previous_live: Uncertain
-    T_keyframe_live: Uncertain
-    keyframe: int
-    is_keyframe: bool
-    matches: int
-    inliers: int
-    rms: float
-    frame: StereoFrame
-    milliseconds: dict[str, float] = field(default_factory=dict)
-    T_previous_keyframe: Uncertain | None = None
 
 
 @dataclass(slots=True)
@@ -112,7 +74,7 @@ class StereoOdometry:
 
     def process(
         self, left: NDArray[Any], right: NDArray[Any], stamp_ns: int, prior: Uncertain | None = None
-    ) -> OdometryResult:
+    ) -> OdometryResult[StereoFrame]:
         """Motion of the camera up to this pair of images.
 
         ``prior`` is ``T_previous_live`` between optical frames, from wheel odometry, say; without it the camera is
@@ -127,7 +89,7 @@ class StereoOdometry:
 
     def process_frame(
         self, frame: StereoFrame, prior: Uncertain | None = None, *, features_ms: float = 0.0
-    ) -> OdometryResult:
+    ) -> OdometryResult[StereoFrame]:
         """As :meth:`process`, for a pair that is preprocessed already."""
         times = {"features": features_ms, "match": 0.0, "solve": 0.0}
         if self._keyframe is None or self._motion is None:
@@ -178,28 +140,14 @@ class StereoOdometry:
             solution = None
         return solution, found
 
-    def _start(self, frame: StereoFrame, times: dict[str, float]) -> OdometryResult:
+    def _start(self, frame: StereoFrame, times: dict[str, float]) -> OdometryResult[StereoFrame]:
         """The first pair: nothing to compare it with."""
-        enough = len(frame.features) >= self.settings.odometry.min_inliers
-        if enough:
+        few = self._few(frame)
+        if not few:
             self._keyframe = frame
             self._motion = _Motion(frame.stamp_ns, Uncertain.identity(), None)
             self._hand_over(frame, np.eye(4), _links(None, None, None))
-        return OdometryResult(
-            stamp_ns=frame.stamp_ns,
-            success=enough,
-            reason="" if enough else f"the images show only {len(frame.features)} features",
-            T_odom_live=self._T_odom_keyframe.copy(),
-            T_previous_live=Uncertain.identity(),
-            T_keyframe_live=Uncertain.identity(),
-            keyframe=self._number,
-            is_keyframe=enough,
-            matches=0,
-            inliers=0,
-            rms=0.0,
-            frame=frame,
-            milliseconds=times,
-        )
+        return first_result(frame.stamp_ns, frame, few, self._number, self._T_odom_keyframe, times)
 
     def _conclude(
         self,
@@ -210,7 +158,7 @@ class StereoOdometry:
         solution: solver.Solution | None,
         found: matching.Matches,
         times: dict[str, float],
-    ) -> OdometryResult:
+    ) -> OdometryResult[StereoFrame]:
         """Take over what was measured, or the prior where nothing was."""
         s = self.settings.odometry
         success, matches = solution is not None, len(found.landmarks)
@@ -222,7 +170,7 @@ class StereoOdometry:
         )
         self._failures = 0 if success else self._failures + 1
         velocity = motion_model.velocity(T_previous_live, seconds) if success else motion.velocity
-        reason = "" if success else self._why_not(frame, matches)
+        reason = "" if success else why_not(self._few(frame), matches, s.min_inliers)
         T_odom_live = self._T_odom_keyframe @ T_keyframe_live.T
         if success and not np.isfinite(self._first_sigma):
             self._first_sigma = _position_sigma(T_keyframe_live)
@@ -289,14 +237,10 @@ class StereoOdometry:
             ),
         )
 
-    def _why_not(self, frame: StereoFrame, matches: int) -> str:
-        """One sentence for a failure."""
-        needed = self.settings.odometry.min_inliers
-        if len(frame.features) < needed:
-            return f"the images show only {len(frame.features)} features"
-        if matches < needed:
-            return f"only {matches} landmarks of the keyframe were found again"
-        return f"the {matches} matched landmarks do not agree on a motion"
+    def _few(self, frame: StereoFrame) -> str:
+        """What is said of a frame that shows too little, else nothing."""
+        shown = len(frame.features)
+        return "" if shown >= self.settings.odometry.min_inliers else f"the images show only {shown} features"
 
     def _is_keyframe_due(self, frame: StereoFrame, T_keyframe_live: Uncertain, inliers: int, *, success: bool) -> bool:
         """Whether the live frame replaces the keyframe."""
