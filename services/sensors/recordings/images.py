@@ -50,6 +50,20 @@ def number_of(file: Path) -> int:
     return int(file.stem) if file.stem.isdecimal() else -1
 
 
+def rows_of(files: list[Path], count: int, table: Path) -> NDArray[np.int64]:
+    """The rows (N,) of a table of ``count`` rows that belong to N images or scans: by their numbers, else in order.
+
+    Raises:
+        RecordingError: the table has not one row for each.
+    """
+    if count == len(files):
+        return np.arange(count)
+    numbers = np.array([number_of(f) for f in files], dtype=np.int64)
+    if (numbers >= 0).all() and numbers.max() < count:
+        return numbers
+    raise RecordingError(f"{table} has {count} rows for {len(files)} files: it must have one for each")
+
+
 def read_image(file: Path) -> Image:
     """Decode an image to (H, W) grey or (H, W, 3) RGB, uint8; 16 bits are reduced to their upper 8, alpha is dropped.
 

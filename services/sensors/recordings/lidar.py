@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from common import geometry
 from common.lidar import LidarScan
 from services.sensors.recordings.calibration import read_poses, read_times, read_transform
-from services.sensors.recordings.images import RecordingError, number_of
+from services.sensors.recordings.images import RecordingError, number_of, rows_of
 from services.sensors.recordings.ouster import Capture, describe, read_sensor
 from services.sensors.recordings.scans import read_scan
 
@@ -129,21 +129,11 @@ def _check_numbers(files: list[Path]) -> None:
         )
 
 
-def _rows_of(files: list[Path], count: int, file: Path) -> NDArray[np.int64]:
-    """The rows (N,) of a file of ``count`` rows that belong to the scans: by their numbers, else in order."""
-    if count == len(files):
-        return np.arange(count)
-    numbers = np.array([number_of(f) for f in files], dtype=np.int64)
-    if (numbers >= 0).all() and numbers.max() < count:
-        return numbers
-    raise RecordingError(f"{file} has {count} rows for {len(files)} scans: it must have one for each")
-
-
 def _stamps(folder: Path, files: list[Path]) -> NDArray[np.int64]:
     file = folder / "times.txt"
     if file.is_file():
         seconds = read_times(file)
-        return np.round(seconds[_rows_of(files, len(seconds), file)] * 1e9).astype(np.int64)
+        return np.round(seconds[rows_of(files, len(seconds), file)] * 1e9).astype(np.int64)
     return np.arange(len(files), dtype=np.int64) * _PERIOD_NS
 
 
@@ -156,7 +146,7 @@ def _truth(folder: Path, files: list[Path]) -> tuple[Array | None, str]:
     if file is None:
         return None, "truth"
     poses = read_poses(file)
-    poses = poses[_rows_of(files, len(poses), file)]
+    poses = poses[rows_of(files, len(poses), file)]
     if file == kitti:
         # KITTI's are of camera 0, and say where the lidar is beside it.
         T_camera_lidar = read_transform(folder / "calib.txt", "Tr")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from common import geometry
 from common.camera import StereoCamera
 from services.sensors.recordings.calibration import read_poses, read_projections, read_times, stereo_camera
-from services.sensors.recordings.images import Image, RecordingError, image_files, number_of, read_image
+from services.sensors.recordings.images import Image, RecordingError, image_files, read_image, rows_of
 
 Array = NDArray[np.float64]
 
@@ -162,21 +162,11 @@ def _projection_names(projections: dict[str, Array], folder: str, *, colour: boo
     return ("P2", "P3") if coloured and "P2" in projections else ("P0", "P1")
 
 
-def _rows_of(files: list[Path], count: int, file: Path) -> NDArray[np.int64]:
-    """The rows (N,) of a file of ``count`` rows that belong to the images: by their numbers, else in order."""
-    if count == len(files):
-        return np.arange(count)
-    numbers = np.array([number_of(f) for f in files], dtype=np.int64)
-    if (numbers >= 0).all() and numbers.max() < count:
-        return numbers
-    raise RecordingError(f"{file} has {count} rows for {len(files)} images: it must have one for each")
-
-
 def _stamps(file: Path, images: list[Path]) -> NDArray[np.int64]:
     if not file.is_file():
         return np.arange(len(images), dtype=np.int64) * _PERIOD_NS
     seconds = read_times(file)
-    return np.round(seconds[_rows_of(images, len(seconds), file)] * 1e9).astype(np.int64)
+    return np.round(seconds[rows_of(images, len(seconds), file)] * 1e9).astype(np.int64)
 
 
 def _truth(folder: Path, images: list[Path], T_left_reference: Array) -> Array | None:
@@ -186,5 +176,5 @@ def _truth(folder: Path, images: list[Path], T_left_reference: Array) -> Array |
     if file is None:
         return None
     poses = read_poses(file)
-    chosen = poses[_rows_of(images, len(poses), file)]
+    chosen = poses[rows_of(images, len(poses), file)]
     return T_left_reference @ chosen @ geometry.inverse(T_left_reference)

@@ -46,8 +46,7 @@ class InputSettings:
         Raises:
             ValueError: one of these.
         """
-        for name in self.__slots__:
-            check_name(getattr(self, name), name)
+        _check_names(self)
         if bool(self.left) != bool(self.right):
             raise ValueError("`left` and `right` are named both, or neither.")
 
@@ -81,8 +80,7 @@ class OutputSettings:
         Raises:
             ValueError: a name is none.
         """
-        for name in self.__slots__:
-            check_name(getattr(self, name), name)
+        _check_names(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,3 +167,8 @@ class Ros2Settings:
             raise ValueError(f"`dead_man` is {self.dead_man}; buttons are counted from 0 to 31.")
         if not 0.0 <= self.tolerance < 1.0:
             raise ValueError(f"`tolerance` is {self.tolerance} s; it must be at least 0 and below 1.")
+
+
+def _check_names(topics: InputSettings | OutputSettings) -> None:
+    for name in topics.__slots__:
+        check_name(getattr(topics, name), name)

@@ -115,7 +115,7 @@ def test_a_bad_archive_is_named(archives, write, sentence):
 
 def test_a_missing_scan_an_empty_folder_and_bad_poses_are_named(archives, tmp_path):
     (archives / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
-    with pytest.raises(RecordingError, match="1 rows for 3 scans"):
+    with pytest.raises(RecordingError, match="1 rows for 3 files"):
         open_lidar_recording(archives)
     (archives / "scans" / "000001.npz").rename(archives / "scans" / "000007.npz")
     with pytest.raises(RecordingError, match="evenly"):
