@@ -131,7 +131,7 @@ def _truncate(folder):
         (_write("calib.txt", f"{LEFT}\n{RIGHT.replace('700', '650')}\n"), ["rectified"]),
         (_write("calib.txt", f"{LEFT.replace('700', '0')}\n{RIGHT}\n"), ["focal length"]),
         (_write("calib.txt", ""), ["calib.txt", "left"]),
-        (_write("poses.txt", _poses(3)), ["poses.txt", "3 rows", "4 images"]),
+        (_write("poses.txt", _poses(3)), ["poses.txt", "3 rows", "4 files"]),
         (_write("poses.txt", "2 0 0 0 0 1 0 0 0 0 1 0\n" * 4), ["poses.txt", "rigid"]),
         (_write("times.txt", "0\n0.1\n0.1\n0.3\n"), ["times.txt", "increase", "row 2"]),
         (_write("times.txt", "0\n0.1\n"), ["times.txt", "2 rows"]),
