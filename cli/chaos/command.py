@@ -16,14 +16,21 @@ from cli.errors import CommandError
 
 def chaos(
     *,
-    runs: Annotated[int, typer.Option(min=1, help="How many faults happen, each fault in turn.")] = 100,
+    runs: Annotated[int, typer.Option(min=1, help="How many faults happen now, each fault in turn.")] = 100,
     only: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Only faults whose name holds this, as 'kill' or 'estimator'.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the order of the faults.")] = 1,
     metres: Annotated[float, typer.Option(min=20.0, help="Of the route that is driven again and again.")] = 60.0,
     out: Annotated[
-        Path, typer.Option("--output", "-o", "--out", metavar="DIR", help="Folder for the robot's data and logs.")
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            "--out",
+            metavar="DIR",
+            help="Folder for data and logs; goes on where earlier runs in it ended.",
+        ),
     ] = Path("chaos"),
     as_json: JsonOption = False,
 ) -> None:
@@ -31,7 +38,7 @@ def chaos(
     from cli.chaos.course import PROCESSES, Course
     from cli.chaos.faults import Doing, Fault, all_faults
     from cli.chaos.judge import unfinished
-    from cli.chaos.report import one, summary, table
+    from cli.chaos.report import one, read, summary, table
     from cli.chaos.run import run
     from cli.demo.configuration import ROBOT, config_file, prepare, write_config
     from cli.demo.story import Story
@@ -46,14 +53,15 @@ def chaos(
     folder = out.expanduser().absolute()
     prepare(folder)
     write_config(config_file(folder, ROBOT), folder / "data")
-    outcomes = []
+    outcomes = read(folder / "outcomes.jsonl")
+    earlier = len(outcomes)
     with output.progress() as bar:
         task = bar.add_task("starting", total=float(runs))
         with Story(config_file(folder, ROBOT), lambda text, _: bar.update(task, description=text), PROCESSES) as story:
             course = Course(story, story.supervised.config.directory, metres)
             course.teach()
             for number in range(runs):
-                doing, fault = plan[number % len(plan)]
+                doing, fault = plan[(earlier + number) % len(plan)]
                 bar.update(task, description=f"{fault.name}, in a {doing}", completed=float(number))
                 try:
                     outcomes.append(run(course, story.supervised, fault, doing))

@@ -24,6 +24,7 @@ class Outcome:
 
     Attributes:
         fault, doing: which, and in what.
+        limit_s: how old the input that fails may become, NaN where no fault of it must be noticed.
         stops_s: from the fault until ``command/safe`` began to fall to zero, NaN where it never was zero.
         zero_command_s: from the fault until it was zero, NaN where it never was.
         standstill_s: from the fault until the wheels stood, NaN where they never did.
@@ -36,6 +37,7 @@ class Outcome:
 
     fault: str
     doing: str
+    limit_s: float
     stops_s: float
     zero_command_s: float
     standstill_s: float
@@ -50,7 +52,7 @@ class Outcome:
 def unfinished(fault: Fault, doing: str, why: str) -> Outcome:
     """The outcome of a run in which the robot could not be brought to drive, before the fault or after it."""
     nan = float("nan")
-    return Outcome(fault.name, doing, nan, nan, nan, 1.0, nan, resumed=False, offset_m=0.0, passed=False, why=why)
+    return Outcome(fault.name, doing, nan, nan, nan, nan, 1.0, nan, resumed=False, offset_m=0.0, passed=False, why=why)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,7 @@ def judge(fault: Fault, doing: str, track: Track, ended: float, braking_s: float
     return Outcome(
         fault=fault.name,
         doing=doing,
+        limit_s=fault.silence_s if fault.must is Must.STOP else float("nan"),
         stops_s=stops,
         zero_command_s=zero,
         standstill_s=standstill,

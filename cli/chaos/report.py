@@ -1,27 +1,52 @@
-"""The figures of many runs: for each fault the times to stop, the hold and the recovery."""
+"""The figures of many runs: for each fault, and each kind of faults, the times to stop, the hold and the recovery."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from cli.chaos.judge import Outcome
+from cli.errors import CommandError
 
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """All runs, and for each fault how they went."""
-    kinds = list(dict.fromkeys((o.fault, o.doing) for o in outcomes))
+    faults = list(dict.fromkeys((o.fault, o.doing) for o in outcomes))
+    kinds = sorted({kind_of(o.fault) for o in outcomes})
     return {
         "runs": len(outcomes),
         "passed": sum(o.passed for o in outcomes),
         "resumed_by_operator": sum(o.resumed for o in outcomes),
-        "faults": [_row([o for o in outcomes if (o.fault, o.doing) == kind]) for kind in kinds],
+        "kinds": [_kind(kind, [o for o in outcomes if kind_of(o.fault) == kind]) for kind in kinds],
+        "faults": [_row([o for o in outcomes if (o.fault, o.doing) == fault]) for fault in faults],
         "outcomes": [one(outcome) for outcome in outcomes],
     }
+
+
+def kind_of(fault: str) -> str:
+    """What was done, whatever it was done to: the first word of a fault's name."""
+    return fault.split(maxsplit=1)[0]
+
+
+def read(file: Path) -> list[Outcome]:
+    """The outcomes of earlier runs, as :func:`one` wrote them line by line; none where there is no file.
+
+    Raises:
+        CommandError: the file holds something else.
+    """
+    if not file.is_file():
+        return []
+    try:
+        return [_outcome(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    except (ValueError, TypeError, AttributeError):
+        raise CommandError(f"{file} is no report of faults of this version: move it, or give another folder") from None
 
 
 def one(outcome: Outcome) -> dict[str, Any]:
@@ -63,6 +88,31 @@ def _row(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "resumed_by_operator": sum(o.resumed for o in outcomes),
             "offset_max_m": max(o.offset_m for o in outcomes),
             "why": next((o.why for o in outcomes if o.why), ""),
+        }
+    )
+
+
+def _outcome(row: dict[str, Any]) -> Outcome:
+    numbers = {field.name for field in fields(Outcome) if field.type == "float"}
+    known: dict[str, Any] = {key: math.nan if key in numbers and value is None else value for key, value in row.items()}
+    return Outcome(**known)
+
+
+def _kind(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """All faults of a kind; how late a stop began is beyond the age limit of the input that failed."""
+    late = [o.stops_s - o.limit_s for o in outcomes]
+    moving = [o.moving_s for o in outcomes if not o.resumed]
+    return _jsonable(
+        {
+            "kind": kind,
+            "runs": len(outcomes),
+            "passed": sum(o.passed for o in outcomes),
+            "late_p99_s": _p99(late),
+            "standstill_p99_s": _p99([o.standstill_s for o in outcomes]),
+            "hold": float(np.mean([o.hold for o in outcomes])),
+            "moving_p99_s": _p99(moving),
+            "resumed_by_operator": sum(o.resumed for o in outcomes),
+            "offset_max_m": max(o.offset_m for o in outcomes),
         }
     )
 

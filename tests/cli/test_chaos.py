@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from cli.chaos.faults import Fault, Must, all_faults
 from cli.chaos.injection import Injector
 from cli.chaos.judge import Track, judge
 from cli.chaos.orders import Order
-from cli.chaos.report import summary
+from cli.chaos.report import one, read, summary
+from cli.errors import CommandError
 from cli.processes import ROBOT
 from common.camera import StereoCamera
 from common.messages import CameraModel, StereoFrame, VelocityCommand
@@ -80,6 +83,25 @@ def test_the_report_counts_by_fault():
     assert (row["fault"], row["runs"], row["passed"]) == ("kill tracker", 3, 2)
     assert row["standstill_p99_s"] == pytest.approx(0.89, abs=0.02)
     assert data["faults"][1]["standstill_p99_s"] is None
+
+
+def test_the_report_counts_by_what_was_done():
+    drop = replace(STOP, name="drop state", how="drop")
+    runs = [judge(fault, "repeat", track(0.63), 2.0, 0.35, resumed=False) for fault in (STOP, drop, GO)]
+    by_kind = {row["kind"]: row for row in summary(runs)["kinds"]}
+    assert {kind: row["runs"] for kind, row in by_kind.items()} == {"drop": 1, "kill": 2}
+    assert by_kind["drop"]["late_p99_s"] == pytest.approx(0.38 - 0.25, abs=0.01)
+
+
+def test_earlier_runs_are_read_again(tmp_path):
+    runs = [judge(STOP, "repeat", track(t), 2.0, 0.35, resumed=False) for t in (0.4, 9.0)]
+    file = tmp_path / "outcomes.jsonl"
+    assert read(file) == []
+    file.write_text("".join(json.dumps(one(outcome)) + "\n" for outcome in runs))
+    assert summary(read(file))["faults"] == summary(runs)["faults"]
+    file.write_text('{"fault": "kill tracker"}\n')
+    with pytest.raises(CommandError, match="no report of faults of this version"):
+        read(file)
 
 
 def passed_on(injector, messages, key="vtr/r1/command/desired"):
