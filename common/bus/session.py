@@ -24,7 +24,7 @@ from common.bus.subscription import Subscription
 from common.bus.tap import Tap
 from common.errors import BusError, MalformedMessage, NoAnswer, NoRouter, Refused, RetraverseError, Unavailable
 from common.messages import Message, now_ns
-from common.topics import FLEET, Delivery, Priority, Topic
+from common.topics import CAMERA, FLEET, LIDAR, STEREO, Delivery, Priority, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -47,6 +47,9 @@ _QUEUES = ("real_time", "interactive_high", "data", "background")
 _QUEUE_BATCHES = 16
 """Of 64 kB, for each priority: a receiver that is not scheduled for some milliseconds costs no sample."""
 
+_LENDERS = frozenset(owner for topic in (STEREO, CAMERA, LIDAR) for owner in topic.owners)
+"""Processes whose samples are worth shared memory: they send frames ten times a second."""
+
 _REQUESTS_WAITING = 256
 
 _LATER = "later\n"
@@ -58,6 +61,7 @@ def session_config(
     endpoint: str,
     *,
     shared_memory: bool,
+    lends: bool = False,
     timeout: float | None = None,
     uplink: str | None = None,
     access: Mapping[str, Any] | None = None,
@@ -66,7 +70,9 @@ def session_config(
 
     A client waits ``timeout`` seconds for the router to appear, without end if that is None; a session that has
     found it once finds it again whenever it is back. A router is linked to the fleet's at ``uplink`` whenever that is
-    there, and waits for nothing. ``access`` is what :mod:`common.access.link` adds for either.
+    there, and waits for nothing. ``shared_memory`` is read where others lend it; what ``lends`` puts its own large
+    samples there, and whoever reads them keeps 16 MB mapped for each life of the sender, even when that has ended.
+    ``access`` is what :mod:`common.access.link` adds for either.
     """
     config = zenoh.Config()
     ends = {"router": ([] if uplink is None else [uplink], [endpoint]), "client": ([endpoint], [])}
@@ -78,6 +84,7 @@ def session_config(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": shared_memory,
+        "transport/shared_memory/transport_optimization/enabled": shared_memory and lends,
         "timestamping/enabled": True,
         "transport/link/tx/lease": _LEASE_MS,
     }
@@ -181,7 +188,13 @@ class Bus:
         try:
             self.session = zenoh.open(
                 session_config(
-                    mode, endpoint, shared_memory=shared_memory, timeout=timeout, uplink=uplink, access=access
+                    mode,
+                    endpoint,
+                    shared_memory=shared_memory,
+                    lends=process in _LENDERS,
+                    timeout=timeout,
+                    uplink=uplink,
+                    access=access,
                 )
             )
         except zenoh.ZError as error:
