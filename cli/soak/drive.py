@@ -45,6 +45,7 @@ class Drive:
         goals, reached: how many it was sent to, and how many of them it got to by itself.
         interventions: why a person had to send it again.
         kills: how often each process was killed.
+        stops: how often each of safety's rules stopped it while it followed a route: falsely, where nothing was killed.
         memory: for each life of a process longer than a minute, what it took after that minute and at its end.
     """
 
@@ -53,6 +54,7 @@ class Drive:
     reached: int = 0
     interventions: list[str] = field(default_factory=list)
     kills: dict[str, int] = field(default_factory=dict)
+    stops: dict[str, int] = field(default_factory=dict)
     memory: list[tuple[str, int, int]] = field(default_factory=list)
 
     def kilometres(self) -> float:
@@ -77,6 +79,7 @@ class Soak:
         self._chance = random.Random(seed)  # noqa: S311, chance for tests
         self._states = story.bus.subscribe(topics.STATE)
         self._truth = story.bus.subscribe(topics.TRUTH)
+        self._safety = story.bus.subscribe(topics.SAFETY_STATUS)
         self._done = threading.Event()
         self._lives: dict[int, tuple[str, float, int, int]] = {}
 
@@ -157,15 +160,25 @@ class Soak:
 
     def _look(self) -> None:
         beats = 0
+        followed: set[str] | None = None
         while not self._done.wait(_SAMPLE_S):
             truth, state = self._truth.last(), self._states.last()
+            follows = state is not None and state.message.name is StateName.REPEAT_FOLLOW
             if truth is not None:
                 T = truth.message.T_world_vehicle
-                follows = state is not None and state.message.name is StateName.REPEAT_FOLLOW
                 self.seen.truth.append((float(T[0, 3]), float(T[1, 3]), follows))
+            followed = self._count_stops(followed) if follows else None
             beats += 1
             if beats % 50 == 0:
                 self._weigh()
+
+    def _count_stops(self, before: set[str] | None) -> set[str]:
+        """Counts the rules that stop the robot and did not ``before``; None where it did not follow a route then."""
+        status = self._safety.last()
+        stopping = set() if status is None or status.message.passing else {r.rule for r in status.message.reasons}
+        for rule in stopping - before if before is not None else ():
+            self.seen.stops[rule] = self.seen.stops.get(rule, 0) + 1
+        return stopping
 
     def _weigh(self) -> None:
         now = time.monotonic()

@@ -29,6 +29,7 @@ def report(network: Network, seen: Drive, minutes: float, faults: list[str]) -> 
         "reached": seen.reached,
         "interventions": seen.interventions,
         "kills": dict(sorted(seen.kills.items())),
+        "stops": dict(sorted(seen.stops.items())),
         "lateral_rms_m": round(float(np.sqrt(np.mean(offsets**2))), 4) if len(offsets) else None,
         "lateral_p99_m": round(float(np.percentile(offsets, 99)), 4) if len(offsets) else None,
         "lateral_max_m": round(float(offsets.max()), 4) if len(offsets) else None,

@@ -23,10 +23,12 @@ def test_a_place_is_as_far_from_the_network_as_from_its_nearest_route():
 
 def test_the_report_has_every_figure():
     seen = Drive(goals=3, reached=2, interventions=["north: lost"], kills={"tracker": 2, "router": 1})
+    seen.stops = {"state": 1}
     seen.truth = [(10.0 + 0.01 * (k % 2), 0.001 * k, k > 10) for k in range(100)]
     seen.memory = [("estimator", 100, 103), ("estimator", 100, 101), ("sensors", 200, 200)]
     data = report(Network(["a"], [circle(10.0)]), seen, 1.0, [])
     assert (data["goals"], data["reached"], data["network_m"]) == (3, 2, pytest.approx(62.8, abs=0.1))
+    assert data["stops"] == {"state": 1}
     assert data["memory_growth"] == {"estimator": 0.03, "sensors": 0.0}
     assert 0.0 < data["lateral_rms_m"] < data["lateral_max_m"] < 0.02
     assert data["kilometres"] == pytest.approx(0.001, abs=0.001)

@@ -5,7 +5,6 @@ The server's, the robot's and the people's files are those of deploy/secure, on 
 
 from __future__ import annotations
 
-import queue
 import re
 import time
 from datetime import timedelta
@@ -13,7 +12,6 @@ from datetime import timedelta
 import numpy as np
 import pytest
 import structlog
-import zenoh
 
 from cli.__main__ import run
 from common import logs, topics, wire
@@ -39,6 +37,7 @@ from tests.integration.intruder import (
     again,
     answer_for_the_navigator,
     ask,
+    link_ends,
     logged,
     never_gets_through,
     pretend_to_be_present,
@@ -46,7 +45,7 @@ from tests.integration.intruder import (
     send,
 )
 from tests.integration.secured import OTHER, ROBOT, Fleet, answers, refused_at_the_door
-from tests.processes import DEADLINE_S, eventually, every
+from tests.processes import eventually, every
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -325,11 +324,8 @@ def test_a_revoked_certificate_is_put_out_and_does_not_come_back(fleet, operator
         eventually(lambda: fleet.server.ended("router"), "the router ends, to be started anew")
         fleet.server.start("router")
         logged(fleet.server, "refused", who=name, what="link", reason="the certificate is revoked")
-        links: queue.SimpleQueue[zenoh.LinkEvent] = queue.SimpleQueue()
-        listener = viewer.session.info.declare_link_events_listener(links.put)
-        ended = links.get(timeout=DEADLINE_S)
-        listener.undeclare()
-        assert ended.kind == zenoh.SampleKind.DELETE
+        with link_ends(viewer):
+            pass
     assert never_gets_through(fleet.viewer)
     presence = operator.presence()
     eventually(lambda: presence.alive() >= PROCESSES, "the operator is linked to the robot again", 30)
