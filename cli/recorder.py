@@ -22,8 +22,8 @@ from services.sensors.recordings.mcap.writer import Origin
 PROCESS = "recorder"
 """Its name on the bus."""
 
-_POLL_S = 0.02
-"""Samples are taken this often: a thread that woke for each would cost more than their writing."""
+_POLL_S = 0.1
+"""Samples are taken this often: a thread that woke for each would cost more than the writing of most."""
 _FLUSH_S = 1.0
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1

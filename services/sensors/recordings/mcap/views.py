@@ -40,8 +40,8 @@ from common.topics import Topic
 ENCODING = SCHEMA_ENCODING = "protobuf"
 VEHICLE, ROUTE_FRAME, WORLD = "vehicle", "route", "world"
 
-_PICTURE_PERIOD_NS = 190_000_000
-"""Every second frame of a camera of 10 Hz, with room for its jitter."""
+_PICTURE_PERIOD_NS = 290_000_000
+"""Every third frame of a camera of 10 Hz, with room for its jitter."""
 _CLOUD_PERIOD_NS = 190_000_000
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
 _FLOAT32 = fox.PackedElementFieldNumericType.Float32
