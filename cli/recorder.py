@@ -82,6 +82,8 @@ class BusRecorder:
         stopping = False
         while not stopping:
             stopping = stop.wait(_POLL_S)
+            if stopping:
+                time.sleep(_POLL_S)  # what was sent before the stop is still on its way
             self._drain()
             if time.monotonic() - flushed >= _FLUSH_S:
                 self._writer.flush()
