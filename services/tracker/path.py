@@ -37,12 +37,15 @@ class PathSettings:
         smoothing: how the taught points become a curve.
         still: a step shorter than this tells nothing about the direction of driving.
         turn: where so short a step turns by more than this, the robot turned on the spot.
+        overlap: a vertex that lies no farther behind the one before, and is passed at once, is no change of direction:
+            two maps meet there, or localization has said it a little differently.
         search: the robot is looked for no further than this along the path from the trunk.
     """
 
     smoothing: SmoothingSettings = field(default_factory=SmoothingSettings)
     still: float = 0.06
     turn: float = 0.12
+    overlap: float = 0.3
     search: float = 2.0
 
 
@@ -189,22 +192,67 @@ def make_path(T_0_i: ArrayLike, settings: PathSettings | None = None) -> Path:
     T = np.asarray(T_0_i, dtype=np.float64)
     if T.ndim != 3 or len(T) == 0 or not is_transform(T, 1e-3):
         raise RouteError(f"A route needs the poses (N, 4, 4) of its vertices, got an array of shape {T.shape}.")
-    vertices, step, forward, turn = _develop(T)
+    vertices = _develop(T)
+    kept = _passed(vertices, settings)
+    relative = inverse(T[kept[:-1]]) @ T[kept[1:]]
+    step, turn = np.linalg.norm(relative[:, :3, 3], axis=1), yaw_of(relative)
     sections: list[Section] = []
-    vertex_s = np.zeros(len(T))
+    kept_s = np.zeros(len(kept))
     start = 0.0
-    for first, last, direction in _split(step, forward, turn, settings):
-        curve = smooth(vertices[first : last + 1, :2], settings.smoothing)
+    for first, last, direction in _split(step, relative[:, 0, 3], turn, settings):
+        curve = smooth(vertices[kept[first : last + 1], :2], settings.smoothing)
         x, y = curve.xy[:, 0], curve.xy[:, 1]
-        section = Section(direction, first, last, start + curve.s, x, y, curve.heading, curve.curvature)
+        ends = int(kept[first]), int(kept[last])
+        section = Section(direction, *ends, start + curve.s, x, y, curve.heading, curve.curvature)
         sections.append(section)
-        vertex_s[first : last + 1] = start + curve.point_s
-        vertex_s[last + 1 :] = start = section.end
+        kept_s[first : last + 1] = start + curve.point_s
+        kept_s[last + 1 :] = start = section.end
+    vertex_s = kept_s[np.searchsorted(kept, np.arange(len(T)), side="right") - 1]
     return Path(vertices, vertex_s, tuple(sections), settings.search)
 
 
-def _develop(T: Array) -> tuple[Array, Array, Array, Array]:
-    """Vertices (N, 3) in the developed plane; length, forward part and turn (N-1,) of the steps between them."""
+def _passed(vertices: Array, settings: PathSettings) -> NDArray[np.int64]:
+    """Indices of the vertices that the path goes through, of all (N, 3) in the developed plane.
+
+    Left out are those that lie beside or a little behind the one before while the route goes on past it: through them
+    the path would be a loop of centimetres.
+    """
+    forward = _forward(vertices)
+    moving = np.abs(forward) >= settings.still
+    last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(forward)), -1))
+    direction = np.where(last_moving < 0, 0.0, np.sign(forward[last_moving]))
+    kept = np.ones(len(vertices), dtype=np.bool_)
+    for i in np.flatnonzero(~moving[1:-1] | (direction[1:-1] != direction[:-2])) + 2:
+        before = i - 1
+        while not kept[before]:
+            before -= 1
+        way = direction[before - 1] if before > 0 else 0.0
+        kept[i] = way == 0.0 or not _is_overlap(way, _seen_from(vertices[before], vertices[i : i + 2]), settings)
+    return np.flatnonzero(kept)
+
+
+def _forward(vertices: Array) -> Array:
+    """How far (N-1,) each vertex lies before the one before, along that one's heading."""
+    dx, dy = np.diff(vertices[:, :2], axis=0).T
+    return np.asarray(np.cos(vertices[:-1, 2]) * dx + np.sin(vertices[:-1, 2]) * dy)
+
+
+def _is_overlap(direction: float, ahead: Array, settings: PathSettings) -> bool:
+    """Whether the first of two poses (2, 3) is no step in the direction of travel, and the second is one again."""
+    (x, y, turn), (x_next, _, _) = ahead
+    near = -settings.overlap <= direction * x < settings.still and abs(y) <= settings.overlap / 2.0
+    return bool(near and abs(turn) <= settings.turn and direction * x_next >= settings.still)
+
+
+def _seen_from(place: Array, vertices: Array) -> Array:
+    """Poses (N, 3) of the plane in the frame of one of them."""
+    dx, dy = (vertices[:, :2] - place[:2]).T
+    c, s = math.cos(place[2]), math.sin(place[2])
+    return np.stack([c * dx + s * dy, c * dy - s * dx, vertices[:, 2] - place[2]], axis=1)
+
+
+def _develop(T: Array) -> Array:
+    """Vertices (N, 3) as x, y, heading in the developed plane."""
     relative = inverse(T[:-1]) @ T[1:]
     translation = relative[:, :3, 3]
     step = np.linalg.norm(translation, axis=1)
@@ -213,7 +261,7 @@ def _develop(T: Array) -> tuple[Array, Array, Array, Array]:
     bearing = heading[:-1] + np.arctan2(translation[:, 1], translation[:, 0])
     x = np.concatenate([[0.0], np.cumsum(step * np.cos(bearing))])
     y = np.concatenate([[0.0], np.cumsum(step * np.sin(bearing))])
-    return np.stack([x, y, heading], axis=1), step, translation[:, 0], turn
+    return np.stack([x, y, heading], axis=1)
 
 
 def _split(step: Array, forward: Array, turn: Array, settings: PathSettings) -> list[tuple[int, int, int]]:

@@ -112,16 +112,18 @@ class WholeRobot:
         return self.first_metres(start + length)[len(before) - 1 :]
 
     def soon(self, condition, what, deadline=30.0):
-        """Waits for a condition; a failure tells the navigator's and safety's side of the story."""
-        states, statuses = self.bus.subscribe(topics.STATE), self.bus.subscribe(topics.SAFETY_STATUS)
+        """Waits for a condition; a failure tells each process's side of the story."""
+        told = (topics.STATE, topics.SAFETY_STATUS, topics.TRACKER_STATUS, topics.LOCALIZATION)
+        sides = [self.bus.subscribe(topic) for topic in told]
         try:
             return eventually(condition, what, deadline)
         except AssertionError as error:
-            state, status = states.last(), statuses.last()
-            raise AssertionError(f"{error}\n{state and state.message}\n{status and status.message}") from None
+            heard = (side.last() for side in sides)
+            story = "\n".join(str(received.message) for received in heard if received)
+            raise AssertionError(f"{error}\n{story}\nit stands at {self.standing()}") from None
         finally:
-            states.close()
-            statuses.close()
+            for side in sides:
+                side.close()
 
     def pids(self):
         """The pid of each process."""

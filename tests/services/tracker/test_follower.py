@@ -68,6 +68,18 @@ def test_manoeuvres_as_taught(taught, pieces):
     assert distance_to_end(run, pieces) <= 0.10
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_drives_across_a_joint_of_two_maps_without_stopping(seed):
+    rng = np.random.default_rng(seed)
+    joint = from_xy_yaw(*rng.uniform([-0.15, -0.05, -0.06], [0.15, 0.05, 0.06]))
+    pieces = [(4, 0), (4, 0.4), (4, 0)]
+    first, second = lay_route(pieces[:1], 0.4), lay_route(pieces[1:], 0.4)
+    run, outputs = repeat(pieces, np.concatenate([first, first[-1] @ joint @ second]), start=np.eye(4), seed=seed)
+    assert run.finished
+    middle = [output.v for output in outputs if 2.0 < output.arclength < 8.0]
+    assert min(middle) > 0.6
+
+
 def test_a_car_keeps_to_its_curvature(taught):
     pieces = [(8, 0), (9, 9 / 4), (6, 0)]
     limits = Limits(drive=Drive.ACKERMANN, curvature=0.35)

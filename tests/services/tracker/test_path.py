@@ -101,6 +101,24 @@ def test_a_robot_at_rest_among_the_vertices_does_not_cut_the_path():
     assert path.length == pytest.approx(4.0, abs=0.06)
 
 
+@pytest.mark.parametrize("back", [-0.05, 0.0, 0.03, 0.09, 0.29])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_where_a_map_begins_a_little_behind_the_end_of_another_the_path_goes_straight_on(back, direction):
+    first = lay_route([(4 * direction, 0)], 0.4)
+    second = first[-1] @ from_xy_yaw(-back * direction, 0.03, 0.02) @ lay_route([(4 * direction, 0)], 0.4)
+    path = make_path(np.concatenate([first, second]))
+    (section,) = path.sections
+    assert section.direction == direction
+    assert path.length == pytest.approx(8.0 - back, abs=0.06)
+    assert np.ptp(section.heading) < 0.25
+    assert np.diff(path.vertex_s).min() >= 0.0
+
+
+def test_a_short_way_back_that_goes_on_is_a_change_of_direction():
+    path = make_path(lay_route([(4, 0), (-0.5, 0), (4, 0)], 0.25))
+    assert [section.direction for section in path.sections] == [1, -1, 1]
+
+
 def test_beyond_the_end_the_arclength_runs_on():
     path = make_path(lay_route([(4, 0)], 0.4))
     place = path.project(0, 10, path.place(10, from_xy_yaw(0.3, 0.1, 0.0)))
