@@ -16,6 +16,9 @@ from common import topics
 from common.messages import Catalog, CatalogEntry, CatalogQuery
 from common.topics import FLEET
 
+_ANSWER_S = 20.0
+"""A server that has just taken a map in, and compares it with the others, may be slow to answer."""
+
 
 class DemoFleet:
     """The server's processes; a context manager."""
@@ -49,5 +52,5 @@ class DemoFleet:
     def catalog(self) -> list[CatalogEntry]:
         """The maps that the server knows."""
         with client.connect(self._supervised.config) as bus:
-            answer: Catalog = bus.ask(topics.CATALOG, CatalogQuery(environment=ENVIRONMENT), name=ENVIRONMENT)
+            answer: Catalog = bus.ask(topics.CATALOG, CatalogQuery(environment=ENVIRONMENT), _ANSWER_S, ENVIRONMENT)
         return answer.entries
