@@ -239,7 +239,10 @@ class _WholeFile:
         """
         self.commit()
         if hasattr(os, "posix_fadvise") and self._flushed:
-            os.posix_fadvise(self._descriptor, 0, self._flushed, os.POSIX_FADV_DONTNEED)
+            with contextlib.suppress(
+                OSError
+            ):  # advice alone: not every file system takes it
+                os.posix_fadvise(self._descriptor, 0, self._flushed, os.POSIX_FADV_DONTNEED)
         self._flushed = self._whole
 
     def commit(self) -> None:
