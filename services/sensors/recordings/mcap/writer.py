@@ -239,9 +239,7 @@ class _WholeFile:
         """
         self.commit()
         if hasattr(os, "posix_fadvise") and self._flushed:
-            with contextlib.suppress(
-                OSError
-            ):  # advice alone: not every file system takes it
+            with contextlib.suppress(OSError):  # advice alone: not every file system takes it
                 os.posix_fadvise(self._descriptor, 0, self._flushed, os.POSIX_FADV_DONTNEED)
         self._flushed = self._whole
 
