@@ -80,10 +80,10 @@ def test_stamps_are_of_now_and_keep_their_delay(recorded):
     before = now_ns()
     _, sent = play(open_mcap(recorded), part=Part(keys=frozenset({WHEELS})))
     stamps = np.array([message.stamp for _, _, message in sent])
-    assert (stamps >= before - 3_000_000).all()
+    earliest = before - 3_000_000 + np.arange(COUNT) * STEP_NS
+    assert (stamps >= earliest - 1_000_000).all(), "a message came before it was due"
     assert (stamps <= now_ns() - 3_000_000).all()
     assert (np.diff(stamps) > 0).all()
-    assert stamps[-1] - stamps[0] >= (COUNT - 1) * STEP_NS - 5_000_000
 
 
 def test_twice_as_fast_the_robot_drives_twice_as_fast(recorded):
