@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,21 +14,21 @@ REUSED = 4.0
 more than a third beside what its own measurements tell, however many were measured against one keyframe."""
 
 
-class MotionSettings(Protocol):
-    """Standard deviations of how a vehicle moves.
+@dataclass(frozen=True, slots=True)
+class MotionSettings:
+    """How a vehicle moves, for the constant-velocity prior.
 
-    ``acceleration`` (m/s^2) and ``angular_acceleration`` (rad/s^2) once a motion is known, ``start_speed`` (m/s) and
-    ``start_turn_rate`` (rad/s) before.
+    Attributes:
+        acceleration: standard deviation of the vehicle's acceleration, m/s^2, for the constant-velocity prior.
+        angular_acceleration: likewise of its turn, rad/s^2.
+        start_speed: standard deviation of the speed before any motion is known, m/s.
+        start_turn_rate: likewise of the turn rate, rad/s.
     """
 
-    @property
-    def acceleration(self) -> float: ...  # noqa: D102 - said above
-    @property
-    def angular_acceleration(self) -> float: ...  # noqa: D102
-    @property
-    def start_speed(self) -> float: ...  # noqa: D102
-    @property
-    def start_turn_rate(self) -> float: ...  # noqa: D102
+    acceleration: float = 6.0
+    angular_acceleration: float = 5.0
+    start_speed: float = 12.0
+    start_turn_rate: float = 0.6
 
 
 def moved(covariance: Array, T: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Uncertain
+from services.estimator import criteria
 from services.estimator.lidar import matching, solver
 from services.estimator.lidar.features import Landmarks
 from services.estimator.lidar.matching import Matches
@@ -62,7 +63,7 @@ class LidarLocalizer:
     def localize_without_prior(self, landmarks: Landmarks, live: LidarFrame) -> LocalizationResult:
         """Pose of the live scan in a map of which only the neighbourhood is known."""
         s = self.settings.localization
-        guess = Uncertain(np.eye(4), np.diag(np.repeat([s.search_distance, s.search_rotation], 3) ** 2))
+        guess = criteria.neighbourhood(s)
         everywhere = replace(s.matching, max_radius=np.pi, ransac_iterations=s.search_iterations)
         found, solution = search(landmarks, live.features, live.ranges, guess.inverse(), s.matching, everywhere)
         return _judge(guess, landmarks, live, found, solution, s.search_min_inliers, s)
@@ -109,19 +110,12 @@ def _objection(
     settings: LocalizationSettings,
 ) -> str:
     """Why a pose is not to be believed, in one sentence; empty if it is."""
-    matches, agree = len(inliers), int(inliers.sum())
-    if agree < min_inliers:
-        return f"only {agree} landmarks agree on the pose, {min_inliers} are needed"
-    if agree < settings.min_inlier_ratio * matches:
-        return f"only {agree} of {matches} landmarks agree on the pose"
+    if few := criteria.too_few(int(inliers.sum()), len(inliers), min_inliers, settings):
+        return few
     if agreement < settings.min_agreement:
         return f"only {100 * agreement:.0f} % of the landmarks in view are where the pose puts them"
-    position, rotation = (
-        float(np.sqrt(np.linalg.eigvalsh(block)[-1]))
-        for block in (T_map_live.covariance[:3, :3], T_map_live.covariance[3:, 3:])
-    )
-    if not (position <= settings.max_position_sigma and rotation <= settings.max_rotation_sigma):
-        return f"the pose is uncertain by {position:.2f} m and {np.degrees(rotation):.1f} degrees"
+    if uncertain := criteria.too_uncertain(T_map_live.covariance, settings):
+        return uncertain
     if not mahalanobis2 <= settings.max_mahalanobis2:
         return "the pose contradicts the prior"
     return ""

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from services.estimator.criteria import CriteriaSettings
+from services.estimator.motion_model import MotionSettings
 from services.estimator.surf import SurfSettings
 from services.estimator.vertex_creation import VertexCreationSettings
 
@@ -88,16 +90,12 @@ class MatchingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class OdometrySettings:
+class OdometrySettings(MotionSettings):
     """Motion prior, keyframes and what counts as success.
 
     Attributes:
         matching: search, consensus and solve.
         compensate: whether motion within a turn is corrected.
-        acceleration: standard deviation of the vehicle's acceleration, m/s^2, for the constant-velocity prior.
-        angular_acceleration: likewise of its turn, rad/s^2.
-        start_speed: standard deviation of the speed before any motion is known, m/s.
-        start_turn_rate: likewise of the turn rate, rad/s.
         min_inliers: fewer is a failure.
         min_inlier_ratio: least part of the matches that agree.
         min_agreement: least part of the map's landmarks in view that lie on a surface of the live scan: of a true pose
@@ -110,10 +108,6 @@ class OdometrySettings:
 
     matching: MatchingSettings = field(default_factory=MatchingSettings)
     compensate: bool = True
-    acceleration: float = 6.0
-    angular_acceleration: float = 5.0
-    start_speed: float = 12.0
-    start_turn_rate: float = 0.6
     min_inliers: int = 20
     min_inlier_ratio: float = 0.15
     min_agreement: float = 0.5
@@ -135,35 +129,17 @@ class MappingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class LocalizationSettings:
+class LocalizationSettings(CriteriaSettings):
     """Localisation against a map.
 
     Attributes:
         matching: search, consensus and solve.
-        min_inliers: fewer is a failure.
-        min_inlier_ratio: least part of the matches that agree.
         min_agreement: least part of the map's landmarks in view that lie on a surface of the live scan: of a true pose
             it is 0.6 and more, even where much is hidden.
-        max_position_sigma: largest standard deviation of the position, metres, along the worst axis.
-        max_rotation_sigma: largest standard deviation of the rotation, radians, about the worst axis.
-        max_mahalanobis2: largest squared Mahalanobis distance to the prior, 6 degrees of freedom.
-        search_distance: standard deviation of the position assumed without a prior, metres.
-        search_rotation: likewise of the rotation, radians.
-        search_iterations: most minimal samples drawn without a prior.
-        search_min_inliers: least inliers, where the prior says next to nothing.
     """
 
     matching: MatchingSettings = field(default_factory=MatchingSettings)
-    min_inliers: int = 20
-    min_inlier_ratio: float = 0.15
     min_agreement: float = 0.5
-    max_position_sigma: float = 0.15
-    max_rotation_sigma: float = 0.03
-    max_mahalanobis2: float = 33.0
-    search_distance: float = 1.0
-    search_rotation: float = 0.3
-    search_iterations: int = 2000
-    search_min_inliers: int = 25
 
 
 @dataclass(frozen=True, slots=True)

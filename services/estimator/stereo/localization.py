@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from common.camera import StereoCamera
 from common.geometry import Uncertain
+from services.estimator import criteria
 from services.estimator.mounting import in_vehicle_frames
 from services.estimator.stereo import matching, model, solver
 from services.estimator.stereo.features import FeatureSet, StereoFrame
@@ -76,8 +77,7 @@ class StereoLocalizer:
         """
         s = self.settings.localization
         if guess is None:
-            sigma = np.repeat([s.search_distance, s.search_rotation], 3)
-            guess = Uncertain(np.eye(4), np.diag(sigma**2))
+            guess = criteria.neighbourhood(s)
         everywhere = replace(s.matching, max_radius=float(self.camera.width), ransac_iterations=s.search_iterations)
         found, solution = self._measure(local_map, live, guess, everywhere)
         if solution is None or solution.inliers.sum() < s.search_first_inliers:
@@ -148,21 +148,14 @@ def _objection(
     settings: LocalizationSettings,
 ) -> str:
     """Why a pose is not to be believed, in one sentence; empty if it is."""
-    matches, inliers = len(found.landmarks), int(solution.inliers.sum())
-    if inliers < min_inliers:
-        return f"only {inliers} landmarks agree on the pose, {min_inliers} are needed"
-    if inliers < settings.min_inlier_ratio * matches:
-        return f"only {inliers} of {matches} landmarks agree on the pose"
+    if few := criteria.too_few(int(solution.inliers.sum()), len(found.landmarks), min_inliers, settings):
+        return few
     places = found.uvd[solution.inliers, :2]
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(places.T)).sum())) / width
     if spread < settings.min_spread:
         return f"the landmarks that agree lie within {100 * spread:.0f} % of the image's width"
-    covariance = solution.T_live_map.covariance
-    position, rotation = (
-        float(np.sqrt(np.linalg.eigvalsh(block)[-1])) for block in (covariance[:3, :3], covariance[3:, 3:])
-    )
-    if not (position <= settings.max_position_sigma and rotation <= settings.max_rotation_sigma):
-        return f"the pose is uncertain by {position:.2f} m and {np.degrees(rotation):.1f} degrees"
+    if uncertain := criteria.too_uncertain(solution.T_live_map.covariance, settings):
+        return uncertain
     if not disagreement <= 1.0:
         return "the pose contradicts the prior"
     return ""

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from services.estimator.criteria import CriteriaSettings
+from services.estimator.motion_model import MotionSettings
 from services.estimator.vertex_creation import VertexCreationSettings
 
 
@@ -124,15 +126,11 @@ class MatchingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class OdometrySettings:
+class OdometrySettings(MotionSettings):
     """Motion prior, keyframes and what counts as success.
 
     Attributes:
         matching: search, refinement and solve.
-        acceleration: standard deviation of the vehicle's acceleration, m/s^2, for the constant-velocity prior.
-        angular_acceleration: likewise of its turn, rad/s^2.
-        start_speed: standard deviation of the speed before any motion is known, m/s.
-        start_turn_rate: likewise of the turn rate, rad/s.
         min_inliers: fewer is a failure.
         min_inlier_ratio: least part of the matches that agree.
         keyframe_inliers: below this many inliers the live frame becomes the keyframe.
@@ -145,10 +143,6 @@ class OdometrySettings:
     """
 
     matching: MatchingSettings = field(default_factory=MatchingSettings)
-    acceleration: float = 6.0
-    angular_acceleration: float = 5.0
-    start_speed: float = 12.0
-    start_turn_rate: float = 0.6
     min_inliers: int = 15
     min_inlier_ratio: float = 0.3
     keyframe_inliers: int = 60
@@ -199,37 +193,22 @@ class MappingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class LocalizationSettings:
+class LocalizationSettings(CriteriaSettings):
     """Localisation against a map.
 
     Attributes:
         matching: search, refinement and solve.
-        min_inliers: fewer is a failure.
-        min_inlier_ratio: least part of the refined matches that agree.
         min_spread: least standard deviation of the inliers' places, as a part of the image's width.
-        max_position_sigma: largest standard deviation of the position, metres, along the worst axis.
-        max_rotation_sigma: largest standard deviation of the rotation, radians, about the worst axis.
-        max_mahalanobis2: largest squared Mahalanobis distance to the prior, 6 degrees of freedom.
         rectification: how far the disparity's error may differ between the map and the live pair, as a part of the
             calibration's: the rig that made the map, on its day, was not quite the live one.
-        search_distance: standard deviation of the position assumed without a prior, metres.
-        search_rotation: likewise of the rotation, radians.
-        search_iterations: most minimal samples drawn without a prior.
         search_first_inliers: least inliers of the first, wide search, that are worth a second, narrow one.
-        search_min_inliers: least inliers of that one, where the prior says next to nothing.
     """
 
     matching: MatchingSettings = field(default_factory=lambda: MatchingSettings(ratio=0.9))
     min_inliers: int = 15
     min_inlier_ratio: float = 0.25
     min_spread: float = 0.06
-    max_position_sigma: float = 0.15
-    max_rotation_sigma: float = 0.03
-    max_mahalanobis2: float = 33.0
     rectification: float = 0.5
-    search_distance: float = 1.0
-    search_rotation: float = 0.3
-    search_iterations: int = 2000
     search_first_inliers: int = 10
     search_min_inliers: int = 20
 
