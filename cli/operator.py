@@ -30,18 +30,18 @@ def order(bus: Bus, command: Command, deadline: float = DEADLINE_S) -> Done:
     return answer
 
 
-def insist(bus: Bus, command: Command, patience: float, final: str = "") -> None:
+def insist(bus: Bus, command: Command, patience: float) -> None:
     """Gives an order until it is taken: a process that is coming back may refuse it or not answer yet.
 
     Raises:
-        CommandError: it is not taken within ``patience`` seconds, or a refusal's sentence holds ``final``.
+        CommandError: it is not taken within ``patience`` seconds.
     """
     end = time.monotonic() + patience
     while True:
         try:
             order(bus, command, LONG_DEADLINE_S)
         except RetraverseError as error:
-            if time.monotonic() > end or (final and final in str(error)):
+            if time.monotonic() > end:
                 raise CommandError(f"the command to {command.action} is not taken: {error}") from None
             time.sleep(_AGAIN_S)
         else:

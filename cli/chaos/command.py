@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-import random
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,9 @@ from cli.errors import CommandError
 
 def chaos(
     *,
-    runs: Annotated[int, typer.Option(min=1, help="How many faults happen now, each fault in turn.")] = 100,
+    runs: Annotated[
+        int, typer.Option(min=1, help="How many faults happen now, those that had the fewest first.")
+    ] = 100,
     only: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Only faults whose name holds this, as 'kill' or 'estimator'.")
     ] = None,
@@ -36,40 +39,35 @@ def chaos(
 ) -> None:
     """Let faults happen to every process of a robot that teaches and repeats, and measure what it makes of them."""
     from cli.chaos.course import PROCESSES, Course
-    from cli.chaos.faults import Doing, Fault, all_faults
-    from cli.chaos.judge import unfinished
     from cli.chaos.report import one, read, summary, table
-    from cli.chaos.run import run
+    from cli.chaos.series import Case, cases, in_turn, outcomes
     from cli.demo.configuration import ROBOT, config_file, prepare, write_config
     from cli.demo.story import Story
 
-    both: tuple[Doing, ...] = ("repeat", "teach")
-    plan: list[tuple[Doing, Fault]] = [
-        (doing, fault) for doing in both for fault in all_faults(doing) if only is None or only in fault.name
-    ]
-    if not plan:
-        raise CommandError(f"no fault's name holds '{only}'")
-    random.Random(seed).shuffle(plan)  # noqa: S311, chance for tests
     folder = out.expanduser().absolute()
     prepare(folder)
-    write_config(config_file(folder, ROBOT), folder / "data")
-    outcomes = read(folder / "outcomes.jsonl")
-    earlier = len(outcomes)
+    config = config_file(folder, ROBOT)
+    write_config(config, folder / "data")
+    seen = read(folder / "outcomes.jsonl")
+    todo = cases(only, seed)
     with output.progress() as bar:
         task = bar.add_task("starting", total=float(runs))
-        with Story(config_file(folder, ROBOT), lambda text, _: bar.update(task, description=text), PROCESSES) as story:
-            course = Course(story, story.supervised.config.directory, metres)
+        with (
+            Story(config, lambda text, _: bar.update(task, description=text), PROCESSES) as story,
+            closing(Course(story, story.supervised.config.directory, metres)) as course,
+        ):
+
+            def told(case: Case) -> None:
+                bar.update(task, description=f"{case[1].name}, in a {case[0]}")
+
             course.teach()
-            for number in range(runs):
-                doing, fault = plan[(earlier + number) % len(plan)]
-                bar.update(task, description=f"{fault.name}, in a {doing}", completed=float(number))
-                try:
-                    outcomes.append(run(course, story.supervised, fault, doing))
-                except CommandError as error:
-                    outcomes.append(unfinished(fault, doing, str(error)))
+            turns = islice(in_turn(todo, seen), runs)
+            for outcome in outcomes(course, story.supervised, turns, told):
                 with (folder / "outcomes.jsonl").open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(one(outcomes[-1])) + "\n")
-    data = summary(outcomes)
+                    file.write(json.dumps(one(outcome)) + "\n")
+                seen.append(outcome)
+                bar.advance(task)
+    data = summary(seen)
     output.emit(data, table(data), as_json=as_json)
     if data["passed"] < data["runs"]:
         raise CommandError(f"{data['runs'] - data['passed']} of {data['runs']} faults were not taken as they must be")

@@ -48,6 +48,7 @@ class Course:
         self._safety = story.bus.subscribe(topics.SAFETY_STATUS)
         self._map = ""
         self._taught: Array = np.empty((0, 4, 4))
+        self._human: Human | None = None
 
     def teach(self) -> None:
         """Teaches the stretch once."""
@@ -57,22 +58,25 @@ class Course:
 
     @contextmanager
     def driving(self, doing: Doing) -> Iterator[None]:
-        """The robot drives fast and has room before it, by hand or by itself; it stands again after the block."""
-        if doing == "repeat":
-            self._repeat()
+        """The robot drives fast and has room before it, by hand or by itself, and drives on after the block.
+
+        A block that fails leaves it standing, to begin anew.
+        """
+        try:
+            if doing == "repeat":
+                self._repeat()
+            else:
+                self._teach()
             self.await_(lambda: self.moves(FAST_M_S), "the robot drives", 30.0)
             yield
-            return
+        except CommandError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """The human lets go, and what the robot does ends."""
+        self._let_go()
         self._calm()
-        self.story.put_down(*self._route[0])
-        self._persist(Command(action="teach", environment=f"chaos-{time.monotonic_ns() % 10**9}"))
-        human = Human(self.story.bus, self._route, _PACE)
-        try:
-            self.await_(lambda: self.moves(FAST_M_S), "the human drives", 30.0)
-            yield
-        finally:
-            human.stop()
-            self._calm()
 
     def resume(self) -> bool:
         """Has the operator resume what is paused; returns whether that was needed."""
@@ -112,9 +116,23 @@ class Course:
         """Goes on with the present repeat if there is room, else begins another at the start."""
         if self._state_name() is StateName.REPEAT_FOLLOW and self._room() > _ROOM_M:
             return
-        self._calm()
+        self.close()
         self.story.put_down(*self._route[0])
         self._persist(Command(action="repeat", goal=Goal(to="end", record=False), vertex=VertexId(self._map, 0)))
+
+    def _teach(self) -> None:
+        """Goes on with the present teach if there is room, else begins another at the start."""
+        if self._human and self._state_name() is StateName.TEACH_BRANCH and self._room() > _ROOM_M:
+            return
+        self.close()
+        self.story.put_down(*self._route[0])
+        self._persist(Command(action="teach", environment=f"chaos-{time.monotonic_ns() % 10**9}"))
+        self._human = Human(self.story.bus, self._route, _PACE)
+
+    def _let_go(self) -> None:
+        if self._human is not None:
+            self._human.stop()
+            self._human = None
 
     def _calm(self) -> None:
         if self._state_name() is not StateName.IDLE:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ import pytest
 from cli.chaos import orders
 from cli.chaos.faults import Fault, Must, all_faults
 from cli.chaos.injection import Injector
-from cli.chaos.judge import Track, judge
+from cli.chaos.judge import Track, judge, unfinished
 from cli.chaos.orders import Order
 from cli.chaos.report import one, read, summary
+from cli.chaos.series import cases, in_turn
 from cli.errors import CommandError
 from cli.processes import ROBOT
 from common.camera import StereoCamera
@@ -170,3 +172,17 @@ def test_orders_reach_a_process(tmp_path):
     with pytest.raises(Exception, match="takes no orders"):
         orders.send(Configuration, "estimator", Order(kind="none"))
     assert threading.active_count() < 50
+
+
+def test_faults_that_had_the_fewest_runs_come_first():
+    kills = cases("kill", 1)
+    assert {fault.how for _, fault in kills} == {"kill"}
+    doing, fault = kills[2]
+    had = [unfinished(other, its, "") for its, other in kills if (its, other) != (doing, fault)]
+    assert list(islice(in_turn(kills, had), 4)) == [(doing, fault), *kills[:3]]
+    assert list(islice(in_turn(kills, []), len(kills) + 1)) == [*kills, kills[0]]
+
+
+def test_a_fault_that_is_none_is_said():
+    with pytest.raises(CommandError, match="no fault's name holds 'meteor'"):
+        cases("meteor", 1)
