@@ -60,9 +60,10 @@ class Localization(Message):
 
 
 class Matches(Message):
-    """Where in the left image of a frame the landmarks are that localized it, for people to look at.
+    """Where in the left image of a frame, or in a scan, the landmarks are that localized it, for people to look at.
 
-    ``pixels`` (N, 2) are x, y of those that agree on the pose, ``stream`` the images that they are of.
+    ``pixels`` (N, 2) are x, y, of a scan column and row, of those that agree on the pose, ``stream`` the images that
+    they are of.
     """
 
     stamp: Stamp

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from common.geometry import Array, Uncertain
 from common.messages import Keyframe, VertexRecord
@@ -72,7 +75,7 @@ class Localized:
         reason: why it failed.
         streams: what each stream made of it, by name.
         members: landmarks that agree by member of a joint submap, in the order in which they were joined.
-        pixels: x, y (N, 2) in the frame's image of the landmarks that agree; None where it is of no image.
+        pixels: x, y (N, 2) in the frame's image, or scan, of the landmarks that agree; None where it is of neither.
     """
 
     success: bool
@@ -82,7 +85,7 @@ class Localized:
     reason: str
     streams: Mapping[str, StreamResult] = field(default_factory=dict)
     members: tuple[int, ...] = ()
-    pixels: Array | None = None
+    pixels: NDArray[np.floating[Any]] | None = None
 
 
 class Pipeline(Protocol[Live_contra, Submap]):

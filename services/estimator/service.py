@@ -296,7 +296,7 @@ class Estimator(Generic[Frame, Live, Submap]):
         )
 
         if result.pixels is not None:
-            pixels = result.pixels.astype(np.float32)
+            pixels = result.pixels.astype(np.float32, copy=False)
             self._matches.put(m.Matches(stamp=step.stamp, stream=result.stream, success=result.success, pixels=pixels))
 
     def _publish_odometry(self, step: Step[Live]) -> None:

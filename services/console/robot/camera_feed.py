@@ -68,7 +68,10 @@ class CameraFeed:
             return
         self._shown, self._due = stamp, max(self._due + self._period, now)
         data, scale = camera.jpeg(image, self._quality)
-        about = camera.header(stamp, image, scale, None if matches is None else matches.pixels)
+        pixels = None if matches is None else matches.pixels
+        if pixels is not None and self._topic is topics.LIDAR:
+            pixels = camera.on_lidar_image(pixels)
+        about = camera.header(stamp, image, scale, pixels)
         about["stream"] = "" if matches is None else matches.stream
         about["success"] = matches is not None and matches.success
         self._channel.show("camera", data, about)

@@ -66,6 +66,14 @@ class StackGeometry:
         """Radians from row to row, their median."""
         return float(np.median(np.abs(np.diff(self.elevations))))
 
+    def pixels_of(self, places: Array) -> NDArray[np.float32]:
+        """Columns and rows (N, 2) of a scan at places (N, 2) of the stack, whose rows are from the top down."""
+        pixels = places.astype(np.float32)
+        if self.organised:
+            ring_of_row = np.argsort(self.row_of_ring)
+            pixels[:, 1] = ring_of_row[np.clip(np.rint(pixels[:, 1]).astype(np.int64), 0, self.rows - 1)]
+        return pixels
+
 
 def directions(points: NDArray[np.float32]) -> tuple[Array, Array]:
     """Azimuth and elevation (N,), radians, of points (N, 3); nan where nothing came back."""

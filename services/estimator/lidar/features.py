@@ -34,6 +34,7 @@ class LidarFeatures:
         offsets: (N,) seconds from the scan's stamp.
         descriptors: (N, 64) float32, SURF, of length 1.
         laplacians: (N,) int8, sign of the Laplacian: bright blobs on dark ground match no dark ones.
+        pixels: (N, 2) float32, column and row of the scan, or of the image stack where the scan has none.
     """
 
     measurements: Array
@@ -41,6 +42,7 @@ class LidarFeatures:
     offsets: Array
     descriptors: Array32
     laplacians: NDArray[np.int8]
+    pixels: Array32
 
     def __len__(self) -> int:
         return len(self.measurements)
@@ -54,6 +56,7 @@ class LidarFeatures:
             np.zeros(0),
             np.zeros((0, DESCRIPTOR), dtype=np.float32),
             np.zeros(0, dtype=np.int8),
+            np.zeros((0, 2), dtype=np.float32),
         )
 
     def select(self, index: NDArray[Any]) -> LidarFeatures:

@@ -60,6 +60,10 @@ class ImageStack:
     row_scale: int
     geometry: StackGeometry
 
+    def places(self, points: Array32) -> NDArray[np.float64]:
+        """Places (N, 2), x and y, in the stack of points (N, 2) in the detection image."""
+        return np.stack([points[:, 0], (points[:, 1] + 0.5) / self.row_scale - 0.5], axis=-1).astype(np.float64)
+
 
 def form(scan: LidarScan, geometry: StackGeometry, settings: ImageSettings) -> ImageStack:
     """The image stack of a checked scan.

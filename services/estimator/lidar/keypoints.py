@@ -160,7 +160,7 @@ def measure(
     count = len(points)
     measurements, covariances, times = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count)
     good = np.zeros(count, dtype=np.bool_)
-    places = np.stack([points[:, 0], (points[:, 1] + 0.5) / stack.row_scale - 0.5], axis=-1).astype(np.float64)
+    places = stack.places(points)
     sigma = noise.pixel * np.maximum(scales.astype(np.float64) / 2.0, 0.5)
     sigmas = np.stack([sigma, sigma / stack.row_scale], axis=-1)
     window = (2 * settings.half_width + 1) * (2 * settings.half_height + 1)

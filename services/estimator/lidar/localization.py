@@ -32,6 +32,7 @@ class LocalizationResult:
         rms: root mean square distance of the inliers, metres.
         mahalanobis2: squared distance from the prior, 6 degrees of freedom; nan without a pose.
         inlier_landmarks: indices into the map of the landmarks that agree.
+        inlier_pixels: (inliers, 2) columns and rows of the live scan where they were found.
     """
 
     success: bool
@@ -42,6 +43,7 @@ class LocalizationResult:
     rms: float
     mahalanobis2: float
     inlier_landmarks: NDArray[np.int64]
+    inlier_pixels: NDArray[np.float32]
 
 
 class LidarLocalizer:
@@ -98,6 +100,7 @@ def _judge(
         rms=solution.rms if solution else 0.0,
         mahalanobis2=mahalanobis2,
         inlier_landmarks=found.landmarks[inliers],
+        inlier_pixels=live.features.pixels[found.features[inliers]],
     )
 
 

@@ -133,4 +133,5 @@ class LidarPipeline:
             reason=result.reason,
             streams={NAME: StreamResult(result.success, result.inliers, result.reason)},
             members=members,
+            pixels=result.inlier_pixels,
         )

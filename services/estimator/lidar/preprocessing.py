@@ -52,6 +52,11 @@ def preprocess(scan: LidarScan, geometry: StackGeometry, settings: LidarSettings
         found.points, found.scales, stack, settings.keypoints, settings.noise
     )
     features = LidarFeatures(
-        measurements[good], covariances[good], offsets[good], found.descriptors[good], found.laplacians[good]
+        measurements[good],
+        covariances[good],
+        offsets[good],
+        found.descriptors[good],
+        found.laplacians[good],
+        geometry.pixels_of(stack.places(found.points[good])),
     )
     return LidarFrame(scan.stamp_ns, features.in_order(), stack.brightness, RangeImage.of(stack))

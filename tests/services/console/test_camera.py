@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from common.messages import LidarScan
-from services.console.robot.models.camera import header, jpeg, lidar_image
+from services.console.robot.models.camera import header, jpeg, lidar_image, on_lidar_image
 
 
 def test_a_large_picture_is_made_smaller_and_its_features_stay_where_they_were():
@@ -37,5 +37,8 @@ def test_a_scan_is_shown_with_what_is_far_as_bright_as_what_is_near():
     image = lidar_image(scan)
     assert image.shape == (64, 64)
     assert image.min() == image.max() == 255
+    bright = scan.model_copy(update={"intensities": np.where(np.arange(beams)[:, None] == 5, scan.intensities, 0.0)})
+    rows = np.flatnonzero(lidar_image(bright)[:, 7])
+    assert on_lidar_image(np.array([[7.0, 5.0]], np.float32)).tolist() == [[7.0, rows.mean()]]
     nothing = scan.model_copy(update={"ranges": np.zeros_like(ranges)})
     assert lidar_image(nothing).max() == 0

@@ -12,6 +12,7 @@ from common.messages import LidarScan
 
 _WIDTH = 640
 _LIDAR_ROW = 4
+"""A scan has fewer rows than columns: each is drawn so many times, for people."""
 
 
 def jpeg(image: NDArray[np.uint8], quality: int) -> tuple[bytes, float]:
@@ -25,11 +26,17 @@ def jpeg(image: NDArray[np.uint8], quality: int) -> tuple[bytes, float]:
 
 
 def lidar_image(scan: LidarScan) -> NDArray[np.uint8]:
-    """A scan as the estimator looks at it: intensity times range, and its rows made taller for people."""
+    """A scan as the estimator looks at it: intensity times range, each row drawn four times."""
     product = scan.intensities.astype(np.float32) * scan.ranges
     most = float(np.percentile(product, 99)) or 1.0
     grey: NDArray[np.uint8] = np.clip(product * (255.0 / most), 0, 255).astype(np.uint8)
     return np.repeat(grey, _LIDAR_ROW, axis=0)
+
+
+def on_lidar_image(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Where columns and rows (N, 2) of a scan lie in its :func:`lidar_image`."""
+    middle = np.array([0.0, (_LIDAR_ROW - 1) / 2.0], np.float32)
+    return pixels * np.array([1.0, _LIDAR_ROW], np.float32) + middle
 
 
 def header(stamp: int, image: NDArray[np.uint8], scale: float, pixels: NDArray[np.float32] | None) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """The pipeline in vehicle frames: keyframes, submaps and localization."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from common import geometry
 from common.geometry import Uncertain
 from common.ids import VertexId, new_map_id
 from common.messages import Keyframe, VertexRecord
-from services.estimator.lidar import FeatureError, Landmarks, LidarFeatures, LidarSettings, local_map
+from services.estimator.lidar import FeatureError, Landmarks, LidarFeatures, LidarSettings, local_map, model
 from services.estimator.lidar.pipeline import LidarPipeline
 from services.estimator.lidar.settings import MappingSettings
 from tests.services.estimator.lidar.scene import scan
@@ -71,6 +73,23 @@ def test_localization_from_thirty_centimetres_and_five_degrees(made, by_prior, s
     assert result.members == (result.inliers,)
     error = geometry.log(result.T_vertex_live.T @ geometry.inverse(T))
     assert error @ np.linalg.solve(result.T_vertex_live.covariance, error) < 25.0
+
+
+@pytest.mark.parametrize("lowest_first", [False, True])
+def test_the_landmarks_that_agree_are_told_by_column_and_row_of_the_scan(made, lowest_first):
+    seen = lidar_at(OFF, seed=7)
+    if lowest_first:
+        seen = replace(seen, points=seen.points[::-1].copy(), intensity=seen.intensity[::-1].copy())
+    live = LidarPipeline(MOUNTING).process(seen).live
+    result = made.localize(submap_at(made, np.eye(4)), PRIOR, live)
+    assert result.pixels.shape == (result.inliers, 2)
+    columns, rows = np.rint(live.features.pixels).astype(int).T
+    found = model.to_measurements(seen.points[rows, columns % seen.points.shape[1]].astype(float))
+    apart = np.abs(np.remainder(found[:, :2] - live.features.measurements[:, :2] + np.pi, 2.0 * np.pi) - np.pi)
+    returned = found[:, 2] > 0.0
+    assert returned.mean() > 0.9
+    assert (np.percentile(apart[returned], 95, axis=0) < [0.01, 0.02]).all()
+    assert set(map(tuple, result.pixels)) <= set(map(tuple, live.features.pixels))
 
 
 def test_a_pose_that_contradicts_the_prior_is_none(made):
