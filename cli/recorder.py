@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import threading
 import time
 from collections import Counter
@@ -11,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from cli.errors import CommandError
-from common import topics, wire
+from common import memory, topics, wire
 from common.bus import Bus
 from common.errors import MalformedMessage
 from common.messages import Message
@@ -25,9 +23,6 @@ PROCESS = "recorder"
 _POLL_S = 0.1
 """Samples are taken this often: a thread that woke for each would cost more than the writing of most."""
 _FLUSH_S = 1.0
-
-_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1
-"""glibc's names of two of its allocator's settings (malloc.h)."""
 
 OnTick = Callable[["Recorded"], None]
 
@@ -77,7 +72,7 @@ class BusRecorder:
         Raises:
             RecordingError: there is no space, or a file cannot be written.
         """
-        _keep_freed_memory()
+        memory.keep_freed()
         flushed = time.monotonic()
         stopping = False
         while not stopping:
@@ -112,14 +107,3 @@ class BusRecorder:
                 self._tap.refused[sample.key] += 1
             else:
                 self._counts[sample.key] += 1
-
-
-def _keep_freed_memory() -> None:
-    """Has the C library keep what is freed: fetching the pages of each frame's copies anew costs as much as writing it.
-
-    Another C library than glibc has no such settings.
-    """
-    with contextlib.suppress(AttributeError, OSError):
-        library = ctypes.CDLL(None)
-        library.mallopt(_MMAP_THRESHOLD, 32 << 20)
-        library.mallopt(_TRIM_THRESHOLD, 256 << 20)

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import ctypes
 import faulthandler
+import itertools
 import os
 import signal
 import socket
@@ -26,7 +27,7 @@ import numpy as np
 import psutil
 import structlog
 
-from common import config, logs, topics
+from common import config, logs, memory, topics
 from common.access.link import client_settings, router_settings
 from common.bus import Bus
 from common.errors import RetraverseError
@@ -34,6 +35,8 @@ from common.messages import Health, Percentiles, now_ns
 from common.service_manager import ServiceManager
 
 _HEALTH_PERIOD_S = 1.0
+_TIDY_EVERY = 30
+"""Reports of health between two times that freed memory is given back."""
 _JOIN_DEADLINE_S = 0.5
 _STOP_DEADLINE_S = 1.7
 _FORCED = 70
@@ -120,14 +123,18 @@ class Service:
     def report_health(self) -> None:
         """Publishes the health of this process once a second until it stops, and gives systemd's watchdog its due.
 
-        A jump of the clock is logged here.
+        A jump of the clock is logged here, and freed memory given back.
         """
         publisher = self.bus.publisher(topics.HEALTH, self.name)
         self._process.cpu_percent()
         offset = time.time() - time.monotonic()
-        while not self.stop.wait(_HEALTH_PERIOD_S):
+        for count in itertools.count(1):
+            if self.stop.wait(_HEALTH_PERIOD_S):
+                return
             publisher.put(self._health())
             self._show_life()
+            if count % _TIDY_EVERY == 0:
+                memory.give_back_freed()
             jumped = time.time() - time.monotonic() - offset
             if abs(jumped) > _CLOCK_JUMP_S:
                 log.warning("the clock jumped; no decision depends on it", seconds=round(jumped, 3))
