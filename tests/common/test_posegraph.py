@@ -94,7 +94,7 @@ def chain(count: int, step: float = 1.0) -> PoseGraph:
     return graph
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32))
 def test_shortest_paths_are_those_of_brute_force(seed: int) -> None:
     world = World(seed)
@@ -109,7 +109,7 @@ def test_shortest_paths_are_those_of_brute_force(seed: int) -> None:
             assert world.graph.length_along(path) == pytest.approx(distances[a, b], abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32))
 def test_transforms_along_paths_are_the_true_ones_in_both_directions(seed: int) -> None:
     world = World(seed)
@@ -121,7 +121,7 @@ def test_transforms_along_paths_are_the_true_ones_in_both_directions(seed: int) 
         assert np.allclose(back.covariance, forth.inverse().covariance, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32))
 def test_the_covariance_of_a_path_is_that_of_its_edges_composed_one_by_one(seed: int) -> None:
     world = World(seed)
@@ -134,7 +134,7 @@ def test_the_covariance_of_a_path_is_that_of_its_edges_composed_one_by_one(seed:
     assert np.allclose(along.covariance, composed.covariance, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32), st.integers(1, 15), st.floats(0, 6))
 def test_a_window_holds_the_nearest_vertices_with_their_true_poses(seed: int, count: int, metres: float) -> None:
     world = World(seed)
@@ -147,7 +147,7 @@ def test_a_window_holds_the_nearest_vertices_with_their_true_poses(seed: int, co
         assert np.linalg.eigvalsh(transform.covariance)[0] > -1e-12
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32), st.floats(0, 6))
 def test_what_is_within_some_metres_is_what_brute_force_says(seed: int, metres: float) -> None:
     world = World(seed)
@@ -197,7 +197,7 @@ def test_a_path_of_one_vertex_is_the_identity_known_exactly() -> None:
     assert not own.covariance.any()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32))
 def test_the_topology_and_back_is_the_same_graph(seed: int) -> None:
     graph = World(seed).graph

@@ -20,7 +20,7 @@ def pair(shift, **live):
     return window(SCENE, 400 - shift, **live), window(SCENE, 400)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-150, 150))
 def test_a_known_shift_is_found_to_a_fraction_of_a_pixel_positive_to_the_right(shift):
     result = register(*pair(shift))
@@ -36,7 +36,7 @@ def test_an_image_is_itself_unshifted():
     assert result.score == pytest.approx(1.0, abs=1e-3)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(-120, 120), st.integers(0, 5))
 def test_swapping_live_and_stored_turns_the_sign(shift, seed):
     scene = panorama(seed)

@@ -203,7 +203,7 @@ def test_another_map_or_another_sum_is_refused(archived):
         verify(file)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_is_noticed_wherever_it_is(archived, tmp_path, place, bit):
     _, file, archive = archived
@@ -218,7 +218,7 @@ def test_a_flipped_bit_is_noticed_wherever_it_is(archived, tmp_path, place, bit)
 
 
 @given(content=st.binary(max_size=300))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_noise_is_no_archive(tmp_path, content):
     file = tmp_path / "noise.zip"
     file.write_bytes(content)

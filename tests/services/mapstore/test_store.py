@@ -98,7 +98,7 @@ def test_the_only_environment_need_not_be_named(store: Store) -> None:
     assert store.topology(ALL).environment == "yard"
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32))
 def test_commits_sent_again_in_any_later_order_change_nothing(
     seed: int, tmp_path_factory: pytest.TempPathFactory

@@ -169,7 +169,7 @@ def test_two_maps_joined_by_a_repeat_alone_are_not_connected(network: PoseGraph)
         plan(network, vertex(0, 0), "field", "stereo")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_a_route_is_the_shortest_of_all_simple_paths(data: st.DataObject) -> None:
     graph = PoseGraph("yard")

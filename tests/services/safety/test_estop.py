@@ -22,7 +22,7 @@ def test_the_latch_and_its_reason_survive_a_restart_until_the_reset(tmp_path):
     assert EmergencyStop(file).reason is None
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.one_of(st.binary(), st.sampled_from([b"null", b"{}", b'{"latched": 0}', b'{"latched": true}'])))
 def test_a_damaged_file_means_stopped(tmp_path, content):
     file = tmp_path / "estop.json"

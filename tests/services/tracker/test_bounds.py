@@ -45,7 +45,7 @@ def routes_with_limits(draw):
     return route, draw(st.just([]) | st.lists(limit, min_size=len(route), max_size=len(route)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(all_limits(), routes_with_limits(), moments, plausible, plausible)
 def test_every_command_of_the_path_follower_is_possible(limits, route, moments, v, w):
     follower = PathFollower(FollowerSettings(limits=limits))
@@ -62,7 +62,7 @@ def test_every_command_of_the_path_follower_is_possible(limits, route, moments, 
         last = output.v, output.w
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     all_limits(),
     routes_with_limits(),

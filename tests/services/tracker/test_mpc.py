@@ -35,7 +35,7 @@ def assert_within(limits, before, after, seconds):
 finite = st.floats(-50.0, 50.0)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.sampled_from(sorted(LIMITS)),
     st.tuples(finite, finite, st.floats(-math.pi, math.pi), finite, finite),

@@ -33,7 +33,7 @@ def _brute_force(a, b, allowed, ratio, mutual, max_distance):
 
 
 @given(st.integers(0, 10_000), st.integers(1, 40), st.integers(1, 40), st.sampled_from([0.7, 0.9, 1.0]), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_matches_are_those_of_brute_force(seed, n, m, ratio, mutual):
     a, b = _features(seed, n), _features(seed + 1, m)
     everywhere = np.ones((n, m), bool)

@@ -226,7 +226,7 @@ def test_a_flipped_bit_anywhere_is_refused(driven: Store, other: Store, taught: 
     assert nothing_in(other)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cuts=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 40), st.binary(max_size=40)), min_size=1, max_size=4))
 def test_bytes_changed_cut_or_added_are_refused_or_change_nothing(
     driven: Store, other: Store, taught: Archived, tmp_path: Path, cuts: list[tuple[float, int, bytes]]

@@ -241,7 +241,7 @@ def test_files_of_more_than_four_gigabytes_and_65535_members_are_read(
 EDGES = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 1), st.integers(0, 4), st.booleans()), max_size=6)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(joints=EDGES, counts=st.tuples(st.integers(1, 5), st.integers(1, 5)), seed=st.integers(0, 2**32))
 def test_any_two_maps_arrive_as_they_were(
     joints: list[tuple[int, int, int, bool]],
