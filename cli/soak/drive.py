@@ -8,7 +8,7 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,8 +28,6 @@ SPARED = frozenset({"sensors", "navigator"})
 """Not killed: the simulated world would end, and a navigator that is started anew waits for a person, as it should."""
 
 _SAMPLE_S = 0.1
-_SETTLED_S = 120.0
-"""A process has filled what it keeps by then: the estimator keeps the last 200 submaps, which takes 80 m of a route."""
 _PATIENCE_S = 120.0
 _TAKEN_S = 60.0
 
@@ -44,7 +42,7 @@ class Drive:
         interventions: why a person had to send it again.
         kills: how often each process was killed.
         stops: how often each of safety's rules stopped it while it followed a route: falsely, where nothing was killed.
-        memory: for each life of a process longer than two minutes, what it took after these and at its end.
+        memory: of each process, in all of its lives, rows of seconds since the beginning and of what it took then.
     """
 
     truth: list[tuple[float, float, bool]] = field(default_factory=list)
@@ -53,7 +51,7 @@ class Drive:
     interventions: list[str] = field(default_factory=list)
     kills: dict[str, int] = field(default_factory=dict)
     stops: dict[str, int] = field(default_factory=dict)
-    memory: list[tuple[str, int, int]] = field(default_factory=list)
+    memory: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
 
     def kilometres(self) -> float:
         """Driven."""
@@ -79,29 +77,35 @@ class Soak:
         self._truth = story.bus.subscribe(topics.TRUTH)
         self._safety = story.bus.subscribe(topics.SAFETY_STATUS)
         self._done = threading.Event()
-        self._lives: dict[int, tuple[str, float, int, int]] = {}
+        self._begin = 0.0
 
     def run(self, over: Callable[[Drive], bool]) -> Drive:
         """Drives until it is over, and then on to the goal that it is driving to."""
-        configuration = self._story.supervised.config
+        configuration, self._begin = self._story.supervised.config, time.monotonic()
         orders.send(configuration, "sensors", Order(kind="lose", amount=self._lose, key="/sensor/stereo"))
         threads = [threading.Thread(target=task, daemon=True) for task in (self._look, self._kill)]
         for thread in threads:
             thread.start()
         try:
-            here = PLACES[0]
+            places = self._places()
             while not over(self.seen):
-                here = self._chance.choice([place for place in PLACES if place != here])
-                self._go(here)
+                self._go(next(places))
         finally:
             self._done.set()
             for thread in threads:
                 thread.join()
             orders.send(configuration, "sensors", Order(kind="none"))
-        self.seen.memory = [(name, first, last) for name, _, first, last in self._lives.values() if first]
         return self.seen
 
     # --- goals -------------------------------------------------------------------------------------------------------
+
+    def _places(self) -> Iterator[str]:
+        """All places in turn, so that every process has seen all of the network, and then any but the last one."""
+        here = PLACES[0]
+        yield from (*PLACES[1:], here)
+        while True:
+            here = self._chance.choice([place for place in PLACES if place != here])
+            yield here
 
     def _go(self, place: str) -> None:
         """Sends the robot to a place, and again after whatever ended that otherwise."""
@@ -173,11 +177,10 @@ class Soak:
         return stopping
 
     def _weigh(self) -> None:
-        now = time.monotonic()
+        seconds = time.monotonic() - self._begin
         for process in self._story.supervised.processes():
             if not process.pid:
                 continue
             with contextlib.suppress(psutil.Error):
                 size = psutil.Process(process.pid).memory_info().rss
-                name, since, first, _ = self._lives.get(process.pid, (process.name, now, 0, 0))
-                self._lives[process.pid] = name, since, first or (size if now - since > _SETTLED_S else 0), size
+                self.seen.memory.setdefault(process.name, []).append((seconds, size))

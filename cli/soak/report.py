@@ -18,9 +18,7 @@ _AT_ONCE = 256
 def report(network: Network, seen: Drive, minutes: float, faults: list[str]) -> dict[str, Any]:
     """All figures; ``faults`` are what the walk over the graph has found."""
     offsets = offsets_from(network.paths, seen.followed())
-    growth: dict[str, float] = {}
-    for name, first, last in seen.memory:
-        growth[name] = max(growth.get(name, 0.0), last / first - 1.0)
+    growth = {name: growth_of(rows) for name, rows in sorted(seen.memory.items())}
     return {
         "minutes": round(minutes, 1),
         "network_m": round(network.metres(), 1),
@@ -33,9 +31,19 @@ def report(network: Network, seen: Drive, minutes: float, faults: list[str]) -> 
         "lateral_rms_m": round(float(np.sqrt(np.mean(offsets**2))), 4) if len(offsets) else None,
         "lateral_p99_m": round(float(np.percentile(offsets, 99)), 4) if len(offsets) else None,
         "lateral_max_m": round(float(offsets.max()), 4) if len(offsets) else None,
-        "memory_growth": {name: round(value, 4) for name, value in sorted(growth.items())},
+        "memory_growth": {name: round(value, 4) for name, value in growth.items()},
         "graph": faults,
     }
+
+
+def growth_of(rows: list[tuple[float, int]]) -> float:
+    """By what part the most that a process took in the second half of the time is more than that in the first.
+
+    ``rows`` are seconds since the beginning and bytes. What is kept within bounds is full in the first half already.
+    """
+    middle = rows[-1][0] / 2.0
+    first, second = (max((size for t, size in rows if (t > middle) is late), default=0) for late in (False, True))
+    return second / first - 1.0 if first else 0.0
 
 
 def offsets_from(paths: list[Array], places: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import structlog
@@ -19,6 +20,9 @@ log = structlog.get_logger()
 class Kept:
     """Two small files in the robot's ``run`` folder; what cannot be read or written is logged, and goes on without.
 
+    A busy disk may hold a write up for longer than a robot drives on without a state: what changes while it drives is
+    written by a thread (:meth:`run`).
+
     Attributes:
         position: where the robot stood when it was written last; None where that is not known.
     """
@@ -27,11 +31,12 @@ class Kept:
         self._position_file, self._mission_file = folder / "position.json", folder / "mission.json"
         self.position: Position | None = None
         self._unfinished: Unfinished | None = None
-        self._due = 0.0
+        self._lock = threading.Lock()
         try:
             self.position = position.load(self._position_file)
         except position.PositionUnreadable as error:
             log.warning(str(error))
+        self._newest = self.position
         try:
             self._unfinished = unfinished.load(self._mission_file)
         except unfinished.UnfinishedUnreadable as error:
@@ -54,18 +59,27 @@ class Kept:
             log.warning("the mission cannot be kept", path=str(self._mission_file), reason=error.strerror)
         self._unfinished = now
         # A navigator that is started anew plans from here.
-        self._due = 0.0
-        self.keep_position(mission, 0.0)
+        self.keep_position(mission)
+        self._write_position()
 
-    def keep_position(self, mission: Mission, now: float) -> None:
-        """Keeps where the robot stands, at most once a second."""
-        known = None if mission.position is None else Position(mission.environment, mission.position)
-        if known == self.position or now < self._due:
-            return
-        self._due = now + _PERIOD_S
-        try:
-            position.save(self._position_file, known)
-        except OSError as error:
-            log.warning("the position cannot be kept", path=str(self._position_file), reason=error.strerror)
-        else:
-            self.position = known
+    def keep_position(self, mission: Mission) -> None:
+        """Has the thread keep where the robot stands."""
+        self._newest = None if mission.position is None else Position(mission.environment, mission.position)
+
+    def run(self, stop: threading.Event) -> None:
+        """Writes the newest position once a second until the service stops, and at its end."""
+        while not stop.wait(_PERIOD_S):
+            self._write_position()
+        self._write_position()
+
+    def _write_position(self) -> None:
+        with self._lock:
+            known = self._newest
+            if known == self.position:
+                return
+            try:
+                position.save(self._position_file, known)
+            except OSError as error:
+                log.warning("the position cannot be kept", path=str(self._position_file), reason=error.strerror)
+            else:
+                self.position = known

@@ -98,13 +98,14 @@ class Navigator:
         self._service.thread(lambda: self._plans.run(stop), "plans")
         self._service.thread(lambda: self._sealer.run(stop), "ends of maps")
         self._service.thread(lambda: self._told.run(stop), "reports")
+        self._service.thread(lambda: self._kept.run(stop), "position")
         self._service.ready()
         while not self._service.stop.is_set():
             self._wake.wait(max(self._published + _STATE_PERIOD_S - time.monotonic(), 0.0))
             self._wake.clear()
             with self._service.stage("step"), self._changing() as machine:
                 self._take_events(machine, time.monotonic())
-            self._kept.keep_position(self._machine.mission, time.monotonic())
+            self._kept.keep_position(self._machine.mission)
 
     # --- state -------------------------------------------------------------------------------------------------------
 

@@ -38,6 +38,7 @@ from services.safety.lateness import Lateness
 from services.safety.monitor import SafetyMonitor, SafetyOutput
 from services.safety.rules import Cause, Effect, Reason
 from services.safety.settings import Settings
+from services.safety.stop_log import StopLog
 from services.safety.waiting import Waiting
 
 _STATUS_PERIOD_S = 1.0 / topics.SAFETY_STATUS.rate_hz
@@ -96,6 +97,7 @@ class Safety:
         self._status_due = 0.0
         self._last_signature: object = None
         self._last_log = 0.0
+        self._stop_log = StopLog()
         self._waiting = Waiting(self._settings.period_s)
         self._unsaved = threading.Event()
         self._lateness = Lateness()
@@ -236,6 +238,7 @@ class Safety:
 
     def _report(self, now: float, output: SafetyOutput, *, passing: bool) -> None:
         """Publishes the status on change and ten times a second; the figures in its sentences are no change."""
+        self._stop_log.cycle(now, output.reasons, passing=passing)
         latched = self._stop.reason is not None
         signature = (passing, latched, tuple((reason.cause, reason.effect) for reason in output.reasons))
         if signature == self._last_signature and now < self._status_due:

@@ -25,11 +25,11 @@ def test_the_report_has_every_figure():
     seen = Drive(goals=3, reached=2, interventions=["north: lost"], kills={"tracker": 2, "router": 1})
     seen.stops = {"state": 1}
     seen.truth = [(10.0 + 0.01 * (k % 2), 0.001 * k, k > 10) for k in range(100)]
-    seen.memory = [("estimator", 100, 103), ("estimator", 100, 101), ("sensors", 200, 200)]
+    seen.memory = {"estimator": [(1.0, 60), (20.0, 100), (31.0, 80), (60.0, 103)], "sensors": [(1.0, 200), (60.0, 190)]}
     data = report(Network(["a"], [circle(10.0)]), seen, 1.0, [])
     assert (data["goals"], data["reached"], data["network_m"]) == (3, 2, pytest.approx(62.8, abs=0.1))
     assert data["stops"] == {"state": 1}
-    assert data["memory_growth"] == {"estimator": 0.03, "sensors": 0.0}
+    assert data["memory_growth"] == {"estimator": 0.03, "sensors": -0.05}
     assert 0.0 < data["lateral_rms_m"] < data["lateral_max_m"] < 0.02
     assert data["kilometres"] == pytest.approx(0.001, abs=0.001)
     assert table(data).row_count == len(data)
