@@ -25,8 +25,9 @@ class Outcome:
     Attributes:
         fault, doing: which, and in what.
         limit_s: how old the input that fails may become, NaN where no fault of it must be noticed.
-        stops_s: from the fault until ``command/safe`` began to fall to zero, NaN where it never was zero.
-        zero_command_s: from the fault until it was zero, NaN where it never was.
+        stops_s: from the fault until ``command/safe`` began to fall to zero, NaN where it never was zero, or only after
+            the base had stopped the wheels for want of it.
+        zero_command_s: from the fault until it was zero, NaN likewise.
         standstill_s: from the fault until the wheels stood, NaN where they never did.
         hold: the share of the time from standstill to the fault's end that the wheels stood.
         moving_s: from the fault's end until the robot moved again, NaN where it did not within the time given.
@@ -82,6 +83,8 @@ def judge(fault: Fault, doing: str, track: Track, ended: float, braking_s: float
     moving = _first(track.times[~during & ~still]) - ended
     zero = _first(track.safe_times[(track.safe_times <= ended) & (np.abs(track.safe) < 1e-6)])
     stops = _onset(track, zero)
+    if stops > standstill:
+        stops = zero = float("nan")
     faults = list(_complaints(fault, stops, standstill, hold, track.offset_m, ended, braking_s))
     return Outcome(
         fault=fault.name,

@@ -37,10 +37,11 @@ def run(course: Course, supervised: Supervised, fault: Fault, doing: Doing) -> O
         pid = _pid(supervised, fault.victim) if fault.victim else 0
         try:
             with Watch(course) as watch:
+                begun = time.monotonic()
                 with _happening(supervised, fault):
                     if fault.how == "kill":
                         # What is dead stops being dead when the supervisor has started it anew.
-                        _await_back(course, supervised, fault.victim, pid)
+                        _await_back(course, supervised, fault.victim, pid, begun)
                     else:
                         time.sleep(fault.seconds)
                 ended = watch.now()
@@ -141,12 +142,12 @@ def _pid(supervised: Supervised, process: str) -> int:
     raise CommandError(f"'{process}' does not run")
 
 
-def _await_back(course: Course, supervised: Supervised, process: str, old_pid: int) -> None:
-    """Waits until a killed process is present again, as another one."""
+def _await_back(course: Course, supervised: Supervised, process: str, old_pid: int, killed: float) -> None:
+    """Waits until a process that was ``killed`` at a monotonic time is present again, as another one."""
     presence = course.presence
 
     def back() -> bool:
-        present = process in presence
+        present = process in presence and (presence.since(process) or 0.0) > killed
         return present and any(s.name == process and s.pid not in {0, old_pid} for s in supervised.processes())
 
     course.await_(back, f"{process} is back", _PRESENT_S)

@@ -174,6 +174,18 @@ def test_orders_reach_a_process(tmp_path):
     assert threading.active_count() < 50
 
 
+def test_a_command_after_the_base_has_stopped_by_itself_stopped_nothing():
+    silent = Fault("hold safety", "safety", "hold", 2.0, Must.STOP, 0.3)
+    seen = track(0.4)
+    commands = seen.safe_times < 0.02, seen.safe_times > 1.99
+    safe = np.concatenate([np.ones(commands[0].sum()), np.zeros(commands[1].sum())])
+    seen = replace(seen, safe_times=np.concatenate([seen.safe_times[one] for one in commands]), safe=safe)
+    outcome = judge(silent, "repeat", seen, 2.0, 0.35, resumed=False)
+    assert (outcome.passed, outcome.why) == (True, "")
+    assert np.isnan(outcome.stops_s)
+    assert outcome.standstill_s == pytest.approx(0.4)
+
+
 def test_faults_that_had_the_fewest_runs_come_first():
     kills = cases("kill", 1)
     assert {fault.how for _, fault in kills} == {"kill"}
