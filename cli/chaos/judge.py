@@ -83,7 +83,7 @@ def judge(fault: Fault, doing: str, track: Track, ended: float, braking_s: float
     moving = _first(track.times[~during & ~still]) - ended
     zero = _first(track.safe_times[(track.safe_times <= ended) & (np.abs(track.safe) < 1e-6)])
     stops = _onset(track, zero)
-    if stops > standstill:
+    if zero > standstill:
         stops = zero = float("nan")
     faults = list(_complaints(fault, stops, standstill, hold, track.offset_m, ended, braking_s))
     return Outcome(
