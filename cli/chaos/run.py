@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import Self
 
 import numpy as np
+import psutil
 
 from cli.chaos import orders
 from cli.chaos.course import FAST_M_S, Course
@@ -41,10 +42,12 @@ def run(course: Course, supervised: Supervised, fault: Fault, doing: Doing) -> O
                 with _happening(supervised, fault):
                     if fault.how == "kill":
                         # What is dead stops being dead when the supervisor has started it anew.
-                        _await_back(course, supervised, fault.victim, pid, begun)
+                        _await_anew(course, supervised, fault.victim, pid, begun)
                     else:
                         time.sleep(fault.seconds)
                 ended = watch.now()
+                if fault.how == "kill":
+                    _await_presence(course, fault.victim, begun)
                 resumed = _await_motion(course)
         finally:
             recording = recorder.stop()
@@ -142,15 +145,35 @@ def _pid(supervised: Supervised, process: str) -> int:
     raise CommandError(f"'{process}' does not run")
 
 
-def _await_back(course: Course, supervised: Supervised, process: str, old_pid: int, killed: float) -> None:
-    """Waits until a process that was ``killed`` at a monotonic time is present again, as another one."""
-    presence = course.presence
+def _await_anew(course: Course, supervised: Supervised, process: str, old_pid: int, killed: float) -> None:
+    """Waits until a process that was ``killed`` at a monotonic time is there again, as another one.
 
-    def back() -> bool:
-        present = process in presence and (presence.since(process) or 0.0) > killed
-        return present and any(s.name == process and s.pid not in {0, old_pid} for s in supervised.processes())
+    A router is there when it listens: others may find it before the link of this command does.
+    """
 
-    course.await_(back, f"{process} is back", _PRESENT_S)
+    def anew() -> bool:
+        pid = next((s.pid for s in supervised.processes() if s.name == process), 0)
+        if pid in {0, None, old_pid}:
+            return False
+        return _listens(int(pid or 0)) if process == "router" else _is_present(course, process, killed)
+
+    course.await_(anew, f"{process} is back", _PRESENT_S)
+
+
+def _await_presence(course: Course, process: str, killed: float) -> None:
+    """Waits until this command hears of a killed process again, and so of what the robot does."""
+    course.await_(lambda: _is_present(course, process, killed), f"{process} is heard of", _PRESENT_S)
+
+
+def _is_present(course: Course, process: str, killed: float) -> bool:
+    return (course.presence.since(process) or 0.0) > killed
+
+
+def _listens(pid: int) -> bool:
+    try:
+        return any(each.status == psutil.CONN_LISTEN for each in psutil.Process(pid).net_connections())
+    except psutil.Error:
+        return False
 
 
 def _await_motion(course: Course) -> bool:
