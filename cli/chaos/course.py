@@ -31,6 +31,7 @@ PROCESSES = tuple(replace(process, under="cli.chaos.process") for process in ROB
 FAST_M_S = 0.8
 _PACE = DriverSettings(speed=1.1, acceleration=1.0)
 _POLL_S = 0.01
+_STEADY_S = 0.5
 _TAKEN_S = 90.0
 _ROOM_M = 20.0
 """A fault needs this much of the route before its end."""
@@ -67,7 +68,7 @@ class Course:
                 self._repeat()
             else:
                 self._teach()
-            self.await_(lambda: self.moves(FAST_M_S), "the robot drives", 30.0)
+            self._await_speed()
             yield
         except CommandError:
             self.close()
@@ -128,6 +129,18 @@ class Course:
         self.story.put_down(*self._route[0])
         self._persist(Command(action="teach", environment=f"chaos-{time.monotonic_ns() % 10**9}"))
         self._human = Human(self.story.bus, self._route, _PACE)
+
+    def _await_speed(self) -> None:
+        """Waits until the robot has driven fast for a while: what an earlier fault has left behind is over then."""
+        slow = time.monotonic()
+
+        def steady() -> bool:
+            nonlocal slow
+            if not self.moves(FAST_M_S):
+                slow = time.monotonic()
+            return time.monotonic() - slow > _STEADY_S
+
+        self.await_(steady, "the robot drives", 30.0)
 
     def _let_go(self) -> None:
         if self._human is not None:
