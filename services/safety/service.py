@@ -126,6 +126,7 @@ class Safety:
         try:
             self._safe.put(command)
             self._report(now, output, passing=passing)
+            self._stop_log.cycle(now, output.reasons, passing=passing)
         except Exception as error:  # noqa: BLE001, the next cycle tries again; the base stops by itself meanwhile
             self._complain("nothing can be published", error)
 
@@ -238,7 +239,6 @@ class Safety:
 
     def _report(self, now: float, output: SafetyOutput, *, passing: bool) -> None:
         """Publishes the status on change and ten times a second; the figures in its sentences are no change."""
-        self._stop_log.cycle(now, output.reasons, passing=passing)
         latched = self._stop.reason is not None
         signature = (passing, latched, tuple((reason.cause, reason.effect) for reason in output.reasons))
         if signature == self._last_signature and now < self._status_due:
