@@ -20,6 +20,9 @@ def chaos(
     runs: Annotated[
         int, typer.Option(min=1, help="How many faults happen now, those that had the fewest first.")
     ] = 100,
+    each: Annotated[
+        int | None, typer.Option(min=1, help="End when every kind of fault had so many, the earlier ones included.")
+    ] = None,
     only: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Only faults whose name holds this, as 'kill' or 'estimator'.")
     ] = None,
@@ -61,7 +64,7 @@ def chaos(
                 bar.update(task, description=f"{case[1].name}, in a {case[0]}")
 
             course.teach()
-            turns = islice(in_turn(todo, seen), runs)
+            turns = islice(in_turn(todo, seen, each), runs)
             for outcome in outcomes(course, story.supervised, turns, told):
                 with (folder / "outcomes.jsonl").open("a", encoding="utf-8") as file:
                     file.write(json.dumps(one(outcome)) + "\n")

@@ -56,7 +56,7 @@ def one(outcome: Outcome) -> dict[str, Any]:
 
 def table(data: dict[str, Any]) -> Table:
     """The faults as a table for a terminal."""
-    times = "stops", "zero command", "standstill"
+    times = "stops", "zero command", "wheels brake", "standstill"
     shown = Table("fault", "in", "runs", "passed", *times, "hold", "moving again", "off path", "")
     for row in data["faults"]:
         shown.add_row(
@@ -64,7 +64,7 @@ def table(data: dict[str, Any]) -> Table:
             row["doing"],
             str(row["runs"]),
             str(row["passed"]),
-            *(_seconds(row[key]) for key in ("stops_p99_s", "zero_command_p99_s", "standstill_p99_s")),
+            *(_seconds(row[key]) for key in ("stops_p99_s", "zero_command_p99_s", "brakes_p99_s", "standstill_p99_s")),
             f"{row['hold']:.1%}",
             _seconds(row["moving_p99_s"]),
             f"{row['offset_max_m'] * 100:.0f} cm",
@@ -82,6 +82,7 @@ def _row(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "passed": sum(o.passed for o in outcomes),
             "stops_p99_s": _p99([o.stops_s for o in outcomes]),
             "zero_command_p99_s": _p99([o.zero_command_s for o in outcomes]),
+            "brakes_p99_s": _p99([o.brakes_s for o in outcomes]),
             "standstill_p99_s": _p99([o.standstill_s for o in outcomes]),
             "hold": float(np.mean([o.hold for o in outcomes])),
             "moving_p99_s": _p99([o.moving_s for o in outcomes]),
@@ -99,8 +100,12 @@ def _outcome(row: dict[str, Any]) -> Outcome:
 
 
 def _kind(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """All faults of a kind; how late a stop began is beyond the age limit of the input that failed."""
+    """All faults of a kind; how late a stop began is beyond the age limit of the input that failed.
+
+    It begins in ``command/safe``, or at the wheels of a base that hears nothing more.
+    """
     late = [o.stops_s - o.limit_s for o in outcomes]
+    by_itself = [o.brakes_s - o.limit_s for o in outcomes if math.isnan(o.stops_s)]
     moving = [o.moving_s for o in outcomes if not o.resumed]
     return _jsonable(
         {
@@ -108,6 +113,7 @@ def _kind(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "runs": len(outcomes),
             "passed": sum(o.passed for o in outcomes),
             "late_p99_s": _p99(late),
+            "base_late_p99_s": _p99(by_itself),
             "standstill_p99_s": _p99([o.standstill_s for o in outcomes]),
             "hold": float(np.mean([o.hold for o in outcomes])),
             "moving_p99_s": _p99(moving),

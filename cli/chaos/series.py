@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from cli.chaos.course import Course
 from cli.chaos.faults import Doing, Fault, all_faults
 from cli.chaos.judge import Outcome, unfinished
+from cli.chaos.report import kind_of
 from cli.chaos.run import run
 from cli.errors import CommandError
 from cli.supervision.supervised import Supervised
@@ -36,12 +37,17 @@ def cases(only: str | None, seed: int) -> list[Case]:
     return found
 
 
-def in_turn(cases: Sequence[Case], earlier: Sequence[Outcome]) -> Iterator[Case]:
-    """The cases without end, always the first of those that had the fewest runs, the earlier ones included."""
+def in_turn(cases: Sequence[Case], earlier: Sequence[Outcome], each: int | None = None) -> Iterator[Case]:
+    """The cases, always the first of those that had the fewest runs, the earlier ones included.
+
+    Without end, or until every kind of fault had ``each`` runs.
+    """
     had = Counter((outcome.doing, outcome.fault) for outcome in earlier)
-    while True:
-        doing, fault = min(cases, key=lambda case: had[case[0], case[1].name])
+    kinds = Counter(kind_of(outcome.fault) for outcome in earlier)
+    while todo := [case for case in cases if each is None or kinds[kind_of(case[1].name)] < each]:
+        doing, fault = min(todo, key=lambda case: had[case[0], case[1].name])
         had[doing, fault.name] += 1
+        kinds[kind_of(fault.name)] += 1
         yield doing, fault
 
 

@@ -176,14 +176,28 @@ def test_orders_reach_a_process(tmp_path):
 
 def test_a_command_after_the_base_has_stopped_by_itself_stopped_nothing():
     silent = Fault("hold safety", "safety", "hold", 2.0, Must.STOP, 0.3)
-    seen = track(0.4)
+    seen = track(0.34)
     commands = seen.safe_times < 0.02, seen.safe_times > 1.99
     safe = np.concatenate([np.ones(commands[0].sum()), np.zeros(commands[1].sum())])
     seen = replace(seen, safe_times=np.concatenate([seen.safe_times[one] for one in commands]), safe=safe)
     outcome = judge(silent, "repeat", seen, 2.0, 0.35, resumed=False)
     assert (outcome.passed, outcome.why) == (True, "")
     assert np.isnan(outcome.stops_s)
-    assert outcome.standstill_s == pytest.approx(0.4)
+    assert outcome.brakes_s == pytest.approx(0.34)
+    assert outcome.standstill_s == pytest.approx(0.34)
+
+
+@pytest.mark.parametrize(("braked_at", "words"), [(0.31, ""), (0.38, "began to stop after 0.37 s")])
+def test_a_base_that_hears_nothing_brakes_by_itself_in_time(braked_at, words):
+    silent = Fault("kill safety", "safety", "kill", 2.0, Must.STOP, 0.3)
+    times = np.arange(0.0, 2.0, 0.002)
+    ticks = np.floor(times / 0.01) * 0.01
+    speed = np.clip(1.0 - 0.2 * ticks, 0.9, 1.0) * np.clip(1.0 - (ticks - braked_at + 0.01) / 0.08, 0.0, 1.0)
+    seen = Track(times, speed, times[:1], np.ones(1), 0.0)
+    outcome = judge(silent, "repeat", seen, 2.0, 0.45, resumed=False)
+    assert outcome.brakes_s == pytest.approx(braked_at, abs=0.011)
+    assert outcome.passed == (not words)
+    assert words in outcome.why
 
 
 def test_faults_that_had_the_fewest_runs_come_first():
@@ -193,6 +207,14 @@ def test_faults_that_had_the_fewest_runs_come_first():
     had = [unfinished(other, its, "") for its, other in kills if (its, other) != (doing, fault)]
     assert list(islice(in_turn(kills, had), 4)) == [(doing, fault), *kills[:3]]
     assert list(islice(in_turn(kills, []), len(kills) + 1)) == [*kills, kills[0]]
+
+
+def test_no_kind_of_fault_has_more_runs_than_asked():
+    both = cases("kill", 1)[:3] + cases("hog", 1)
+    had = [unfinished(both[0][1], both[0][0], "")] * 4
+    turns = list(in_turn(both, had, 5))
+    assert [fault.how for _, fault in turns].count("kill") == 1
+    assert [fault.how for _, fault in turns].count("hog") == 5
 
 
 def test_a_fault_that_is_none_is_said():
