@@ -1,9 +1,10 @@
 """How late a message came on its way, where no two clocks agree: against the quickest of the same sender's.
 
 A link that loses packets stalls for seconds and then delivers what was sent before, one after the other: by its arrival
-an operator's "held" of ten seconds ago is young. The difference of arrival and stamp tells, but for a constant: what
-exceeds the least that was seen of a sender lately is time spent on the way. It only ever adds to an age, so a wrong
-clock stops a robot at worst; and one that is set changes nothing, for then stamps go back, or a new least is seen.
+an operator's "held" of ten seconds ago is young, and so is what a late estimator says of a frame of before. The
+difference of arrival and stamp tells, but for a constant: what exceeds the least that was seen of a sender lately is
+time spent on the way. It only ever adds to an age, so a wrong clock stops a robot at worst; and one that is set changes
+nothing, for then stamps go back, or a new least is seen.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ class RuleSettings:
     Attributes:
         command_age: an older command does not pass.
         state_age: how old the navigator's state may be.
-        odometry_age: how old odometry may be in a repeat.
+        odometry_age: how old odometry may be in a repeat, with what its frame waited for the estimator.
         localization_age: how old the last word on the localization may be in a repeat.
         dead_mans_switch: whether the joystick's switch must be held.
         dead_mans_switch_age: how old the switch's last word may be.

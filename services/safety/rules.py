@@ -135,7 +135,9 @@ RULES: tuple[Rule, ...] = (
         checks.dead_mans_switch,
         "where configured: the switch is not held, or silent for {dead_mans_switch_age} s",
     ),
-    Rule(Cause.ODOMETRY_STALE, Effect.STOP, _REPEATING, checks.odometry_stale, "no odometry for {odometry_age} s"),
+    Rule(
+        Cause.ODOMETRY_STALE, Effect.STOP, _REPEATING, checks.odometry_stale, "no odometry of the last {odometry_age} s"
+    ),
     Rule(
         Cause.LOCALIZATION_STALE,
         Effect.STOP,

@@ -162,10 +162,10 @@ class Safety:
             state=name,
             state_age=self._age(state, now),
             command=None if command is None or motion is None else self._judged(command, motion, now),
-            odometry_age=self._age(odometry, now),
+            odometry_age=self._age_of_news(odometry, now),
             localization_age=self._age(located, now),
             switch_held=joystick is not None and joystick.message.held,
-            switch_age=self._switch_age(joystick, now),
+            switch_age=self._age_of_news(joystick, now),
             metres_since_success=None if located is None else located.message.metres_since_success,
             seconds_since_success=self._seconds_since_success(located, now),
             obstacles=_in_the_way(obstacles, command, watched=self._watches),
@@ -178,12 +178,16 @@ class Safety:
         )
         return inputs, command
 
-    def _switch_age(self, joystick: Received[Joystick] | None, now: float) -> float | None:
-        """The age of the switch's word with what it spent on its way: an operator may be far, and a link may stall."""
-        age = self._age(joystick, now)
-        if joystick is None or age is None:
+    def _age_of_news(self, received: Received[Joystick] | Received[Odometry] | None, now: float) -> float | None:
+        """The age of a message with what it spent on its way.
+
+        An operator may be far, and a link may stall; a frame may wait for an estimator that is late.
+        """
+        age = self._age(received, now)
+        if received is None or age is None:
             return None
-        return age + self._lateness.of(joystick.source, joystick.message.stamp, joystick.arrival)
+        sender = type(received.message), received.source
+        return age + self._lateness.of(sender, received.message.stamp, received.arrival)
 
     def _heed_button(self) -> None:
         """Latches the emergency stop for every word that its button is pressed, and leaves the disk to a thread."""

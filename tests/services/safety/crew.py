@@ -10,6 +10,7 @@ from common.messages import Localization, Odometry, SafetyCommand, State, StateN
 from tests.processes import Robot, eventually
 
 START = VertexId(new_map_id("r1", 0), 0)
+_MS = 1_000_000
 
 
 class Crew:
@@ -20,6 +21,8 @@ class Crew:
         self.state_name = StateName.IDLE
         self.speed, self.turn = 0.4, 0.1
         self.silent = False
+        self.lags = False
+        self._frame = 0
         navigator = robot.act_as("navigator")
         estimator, operator = robot.bus("estimator"), robot.bus("operator")
         robot.act_as("sensors")
@@ -40,7 +43,8 @@ class Crew:
         self.state.put(
             State(stamp=stamp, name=self.state_name, environment="default", since=stamp, reason="", route=route)
         )
-        pose = {"stamp": stamp, "covariance": 1e-4 * np.eye(6), "success": True, "inliers": 100}
+        self._frame = self._frame + _MS if self.lags else stamp
+        pose = {"stamp": self._frame, "covariance": 1e-4 * np.eye(6), "success": True, "inliers": 100}
         self.odometry.put(Odometry(vertex=START, T_vertex_robot=np.eye(4), twist=np.zeros(6), **pose))
         self.localization.put(
             Localization(

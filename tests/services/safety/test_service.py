@@ -56,6 +56,19 @@ def test_nothing_passes_in_other_states(crew, state):
         crew.until(lambda safe: safe.v == safe.w == 0.0, "the robot stands")
 
 
+def test_odometry_of_frames_of_before_is_old_however_often_it_comes(crew):
+    with crew.state_is(S.REPEAT_FOLLOW):
+        crew.until(lambda safe: safe.v > 0.3, "the robot drives")
+        crew.lags = True
+        try:
+            crew.until(lambda safe: safe.v == 0.0, "the robot stands")
+            _, rules = crew.until_status(lambda status: not status.passing, "a status")
+        finally:
+            crew.lags = False
+        assert rules == {"odometry_stale"}
+        crew.until(lambda safe: safe.v > 0.3, "the robot drives again")
+
+
 def test_a_killed_estimator_stops_the_robot_by_name(crew):
     with crew.state_is(S.REPEAT_FOLLOW):
         crew.until(lambda safe: safe.v > 0.3, "the robot drives")
