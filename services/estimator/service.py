@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Hashable
+from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from common import topics
 from common.geometry import Array, Uncertain
 from common.ids import VertexId
 from common.service import Service
-from services.estimator import relocalization
+from services.estimator import relocalization, repeats
 from services.estimator.anchor import Anchor
 from services.estimator.committer import Committer
 from services.estimator.experience import Place
@@ -24,6 +25,7 @@ from services.estimator.merging import ClosureSearch
 from services.estimator.pipeline import Localized, Pipeline, Step
 from services.estimator.recording import Recording
 from services.estimator.relocalization import Finder
+from services.estimator.repeats import Repeats
 from services.estimator.route_localizer import RouteLocalizer, single_vertex_path
 from services.estimator.route_map import RouteMap
 from services.estimator.sensors import Sensor, sensor_of
@@ -79,6 +81,8 @@ class Estimator(Generic[Frame, Live, Submap]):
         )
         self._wheel_motion = WheelMotion(settings.wheels)
         self._wheels_stamp: int | None = None
+        self._repeats = Repeats(sensor.pictures)
+        self._hangs = False
         self._calibration: Hashable = None
         self._pipeline: FramePipeline[Frame, Live, Submap] | None = None
         self._localizer: RouteLocalizer[Live, Submap] | None = None
@@ -122,7 +126,7 @@ class Estimator(Generic[Frame, Live, Submap]):
         pipeline = self._pipeline_of(frame)
         if isinstance(pipeline, TeachesActions):
             self._hand_command(pipeline, frame.stamp)
-        step = pipeline.take(frame, self._driven(frame.stamp))
+        step = self._step(pipeline, frame)
         for stage, milliseconds in step.milliseconds.items():
             self._service.record(stage, milliseconds / 1e3)
         self._anchor.move(step)
@@ -136,9 +140,22 @@ class Estimator(Generic[Frame, Live, Submap]):
         self._finder.see(step, idle=state is None or state.name == m.StateName.IDLE)
         self._last_step = step
 
-    def _driven(self, stamp: int) -> Uncertain | None:
-        """The vehicle's motion since the last frame by its wheels, if they tell."""
+    def _step(self, pipeline: FramePipeline[Frame, Live, Submap], frame: Frame) -> Step[Live]:
+        """Preprocessing and odometry of a frame; what the sensor only repeats shows nothing."""
         wheels = self._wheels.fresh()
+        hangs = self._repeats.repeats(frame, None if wheels is None else (wheels.v, wheels.w))
+        if hangs != self._hangs:
+            self._hangs = hangs
+            log.warning(repeats.REASON if hangs else "the sensor shows something new again")
+        driven = self._driven(frame.stamp, wheels)
+        if not hangs:
+            return pipeline.take(frame, driven)
+        return replace(
+            pipeline.take(repeats.without_sight(frame, self._sensor.pictures), driven), reason=repeats.REASON
+        )
+
+    def _driven(self, stamp: int, wheels: m.WheelOdometry | None) -> Uncertain | None:
+        """The vehicle's motion since the last frame by its wheels, if they tell."""
         self._wheels_stamp = None if wheels is None else wheels.stamp
         seconds = 0.0 if self._last_step is None else (stamp - self._last_step.stamp) * 1e-9
         return self._wheel_motion.step(None if wheels is None else (wheels.v, wheels.w), seconds)

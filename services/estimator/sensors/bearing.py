@@ -25,6 +25,7 @@ class BearingSensor:
     """See :class:`services.estimator.sensors.sensor.Sensor`."""
 
     topic = topics.CAMERA
+    pictures: tuple[str, ...] = ("image",)
 
     def __init__(self, settings: Settings) -> None:
         """Raises ConfigurationError where the configured network cannot be used."""

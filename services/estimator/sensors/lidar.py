@@ -37,6 +37,7 @@ class LidarSensor:
     """See :class:`services.estimator.sensors.sensor.Sensor`."""
 
     topic = topics.LIDAR
+    pictures: tuple[str, ...] = ("ranges",)
 
     def __init__(self, settings: Settings) -> None:
         self.name = settings.scanner

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import Protocol, TypeVar, runtime_checkable
+from collections.abc import Hashable, Mapping
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from common.geometry import Array, Uncertain
 from common.topics import Topic
@@ -18,6 +18,8 @@ class SensorFrame(Protocol):
 
     @property
     def stamp(self) -> int: ...  # noqa: D102 - said above
+
+    def model_copy(self, *, update: Mapping[str, Any]) -> Self: ...  # noqa: D102 - pydantic's
 
 
 Frame_contra = TypeVar("Frame_contra", bound=SensorFrame, contravariant=True)
@@ -55,10 +57,12 @@ class Sensor(Protocol[Frame_contra, Live, Submap]):
 
     Attributes:
         topic: of its frames.
+        pictures: the fields of a frame that hold what the sensor sees.
         name: of the one sensor whose frames are taken.
     """
 
     topic: Topic
+    pictures: tuple[str, ...]
     name: str
 
     def warm_up(self) -> None:

@@ -39,6 +39,7 @@ class StereoSensor:
     """See :class:`services.estimator.sensors.sensor.Sensor`."""
 
     topic = topics.STEREO
+    pictures: tuple[str, ...] = ("left", "right")
 
     def __init__(self, settings: Settings) -> None:
         self.name = settings.camera
