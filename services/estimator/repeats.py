@@ -2,8 +2,8 @@
 
 Its frames would agree perfectly that the vehicle stands, and lead it off its path. They are taken for frames that show
 nothing, like those of a covered lens, until another one comes. Two frames of a sensor that works are never the same to
-the bit, for each has noise of its own; where they are, as a simulator's without noise, a vehicle at rest is
-believed.
+the bit, for each has noise of its own; where they are, as a simulator's without noise, a vehicle at rest is believed.
+A picture all of one value, of a covered lens or an open sky, is no repeat.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Frame = TypeVar("Frame", bound=SensorFrame)
 REASON = "the sensor repeats its last frame"
 
 _EVERY = 16
-"""Of so many rows one is compared."""
+"""Of so many columns one is compared: all beams of a lidar, for the upper ones may see nothing but sky."""
 
 _TURNS = 0.02
 """Wheels that turn: m/s, or rad/s."""
@@ -40,12 +40,14 @@ class Repeats:
 
         ``twist`` is what the wheels report (m/s, rad/s), None where they do not.
         """
-        rows = [getattr(frame, name)[::_EVERY] for name in self._pictures]
-        same = any(np.array_equal(now, before) for now, before in zip(rows, self._last, strict=False))
+        parts = [getattr(frame, name)[:, ::_EVERY] for name in self._pictures]
+        same = any(
+            np.array_equal(now, before) and np.ptp(now) > 0 for now, before in zip(parts, self._last, strict=False)
+        )
         turns = twist is not None and max(map(abs, twist)) > _TURNS
         self._frozen = same and (turns or self._frozen)
         if not same:
-            self._last = [row.copy() for row in rows]
+            self._last = [part.copy() for part in parts]
         return self._frozen
 
 

@@ -77,3 +77,18 @@ def test_what_is_repeated_is_taken_for_nothing_seen(kind):
     assert type(blind) is type(first)
     assert blind.stamp == first.stamp
     assert all(getattr(blind, name).max() == 0 and getattr(first, name).max() > 0 for name in PICTURES[kind])
+
+
+def test_beams_that_see_the_sky_repeat_nothing():
+    seen = Repeats(PICTURES["lidar"])
+    scans = [scan() for _ in range(4)]
+    for one in scans:
+        one.ranges[:12] = 0.0
+    assert [seen.repeats(one, DRIVES) for one in scans] == [False] * 4
+    assert seen.repeats(scans[-1], DRIVES)
+
+
+def test_a_covered_lens_repeats_nothing():
+    black = np.zeros((48, 64), np.uint8)
+    seen = Repeats(PICTURES["stereo"])
+    assert [seen.repeats(pair(black, black), DRIVES) for _ in range(3)] == [False] * 3
