@@ -65,7 +65,7 @@ def table(data: dict[str, Any]) -> Table:
             str(row["runs"]),
             str(row["passed"]),
             *(_seconds(row[key]) for key in ("stops_p99_s", "zero_command_p99_s", "brakes_p99_s", "standstill_p99_s")),
-            f"{row['hold']:.1%}",
+            "" if row["hold"] is None else f"{row['hold']:.1%}",
             _seconds(row["moving_p99_s"]),
             f"{row['offset_max_m'] * 100:.0f} cm",
             row["why"],
@@ -84,7 +84,7 @@ def _row(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "zero_command_p99_s": _p99([o.zero_command_s for o in outcomes]),
             "brakes_p99_s": _p99([o.brakes_s for o in outcomes]),
             "standstill_p99_s": _p99([o.standstill_s for o in outcomes]),
-            "hold": float(np.mean([o.hold for o in outcomes])),
+            "hold": _hold(outcomes),
             "moving_p99_s": _p99([o.moving_s for o in outcomes]),
             "resumed_by_operator": sum(o.resumed for o in outcomes),
             "offset_max_m": max(o.offset_m for o in outcomes),
@@ -115,12 +115,18 @@ def _kind(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "late_p99_s": _p99(late),
             "base_late_p99_s": _p99(by_itself),
             "standstill_p99_s": _p99([o.standstill_s for o in outcomes]),
-            "hold": float(np.mean([o.hold for o in outcomes])),
+            "hold": _hold(outcomes),
             "moving_p99_s": _p99(moving),
             "resumed_by_operator": sum(o.resumed for o in outcomes),
             "offset_max_m": max(o.offset_m for o in outcomes),
         }
     )
+
+
+def _hold(outcomes: Sequence[Outcome]) -> float:
+    """The mean share over the runs that had to stop, NaN without one: others may drive on whenever they can."""
+    stopped = [o.hold for o in outcomes if math.isfinite(o.limit_s)]
+    return float(np.mean(stopped)) if stopped else float("nan")
 
 
 def _p99(values: Sequence[float]) -> float:

@@ -95,6 +95,15 @@ def test_the_report_counts_by_what_was_done():
     assert by_kind["drop"]["late_p99_s"] == pytest.approx(0.38 - 0.25, abs=0.01)
 
 
+def test_only_a_robot_that_had_to_stop_is_asked_whether_it_stood():
+    either = replace(GO, name="hog", how="hog", must=Must.EITHER)
+    seen = track(0.4, moves_at=1.2)
+    hog, kill = (judge(fault, "repeat", seen, 2.0, 0.35, resumed=False) for fault in (either, STOP))
+    assert hog.passed
+    assert not kill.passed
+    assert [row["hold"] for row in summary([hog, kill])["faults"]] == [None, pytest.approx(0.5, abs=0.01)]
+
+
 def test_earlier_runs_are_read_again(tmp_path):
     runs = [judge(STOP, "repeat", track(t), 2.0, 0.35, resumed=False) for t in (0.4, 9.0)]
     file = tmp_path / "outcomes.jsonl"
