@@ -24,14 +24,16 @@ class Server:
     published: list[m.EnvironmentModel] = field(default_factory=list)
 
     def settled(self, maps: int) -> Server:
-        """Waits until an environment has so many maps and nothing of it is pending."""
+        """Waits until an environment has so many maps, nothing of it is pending, and its model is published."""
 
         def done() -> bool:
             try:
                 names = self.environments.names()
             except RetraverseError:
                 return False
-            return names.maps.get(ENVIRONMENT) == maps and not any(names.pending.values())
+            if names.maps.get(ENVIRONMENT) != maps or any(names.pending.values()):
+                return False
+            return self.published[-1:] == [self.environments.state(ENVIRONMENT).model]
 
         eventually(done, f"{maps} maps are compared", 60.0)
         return self
