@@ -120,11 +120,13 @@ class Columns:
             self.set_trouble(one.map, one.trouble)
 
     def set_trouble(self, map_id: str, trouble: tuple[float, ...]) -> None:
-        """Changes what repeats have told of a map."""
+        """Changes what repeats have told of a map; nothing where they told of no trouble."""
         if self._trouble is None:
+            if not trouble:
+                return
             self._trouble = np.zeros((self._size, HOURS), dtype=np.float32)
             self._view = None
-        self._trouble[self.rows[map_id]] = trouble
+        self._trouble[self.rows[map_id]] = trouble or 0.0
 
     def view(self) -> tuple[MapTable, Network]:
         """The columns and the graph of the maps that are there now."""

@@ -1,5 +1,7 @@
 """The maps as growing columns: plans are those of columns that are built anew, at every size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,15 @@ def test_trouble_that_is_reported_later_raises_the_cost():
     catalog.set_trouble(before.maps[0], (1.0,) * 24)
     assert made(catalog)[0].cost > before.cost
     assert catalog[before.maps[0]].entry().trouble == [1.0] * 24
+
+
+@pytest.mark.parametrize("others", [True, False])
+def test_no_trouble_is_told_and_takes_back_what_there_was(others):
+    catalog = Catalog(maps(300) if others else (replace(one, trouble=()) for one in maps(300)))
+    before, _ = made(catalog)
+    untroubled = next(one for one in before.maps if not catalog[one].trouble)
+    for told in ((), (1.0,) * 24, ()):
+        catalog.set_trouble(untroubled, told)
+        after, _ = made(catalog)
+        assert (after.cost > before.cost) == bool(told)
+    assert (after.maps, after.cost) == (before.maps, before.cost)

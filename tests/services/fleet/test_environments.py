@@ -109,6 +109,19 @@ def test_what_was_not_announced_is_found_by_listing(storage, start):
         eventually(lambda: server.catalog()[-1].trouble, "the report is counted")
 
 
+def test_repeats_that_went_well_are_counted_and_a_restart_counts_them(storage, start):
+    report(storage, map_id(HOURS[0]), 9.0, 0.0)
+    for _ in range(2):
+        with start() as server:
+            server.settled(len(HOURS))
+            announced = m.Announcement(environment=ENVIRONMENT, robot="r2", report="b")
+            report(storage, map_id(HOURS[1]), 9.0, 0.0, name="b")
+            server.environments.announce(announced)
+            state = server.environments.state(ENVIRONMENT)
+            eventually(lambda state=state: len(state.feedback.counted) == 2, "both reports are counted")
+            assert not any(entry.trouble for entry in server.catalog())
+
+
 def test_bad_objects_are_named_once_and_stop_nothing(storage, start):
     bad = garbage(storage)
     with structlog.testing.capture_logs() as logs, start(reconcile_s=0.1) as server:
