@@ -120,7 +120,7 @@ class Columns:
             self.set_trouble(one.map, one.trouble)
 
     def set_trouble(self, map_id: str, trouble: tuple[float, ...]) -> None:
-        """Changes what repeats have told of a map; nothing where they told of no trouble."""
+        """Changes what repeats have told of a map; ``trouble`` is empty where they told of none."""
         if self._trouble is None:
             if not trouble:
                 return
